@@ -1,0 +1,50 @@
+"""Bayesian structural identification: from a measured response history to a posterior one can trust."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__version__ = "0.1.0"
+
+_PUBLIC = {
+    "AIES": "inference.ensemble",
+    "Beta": "probability.marginals",
+    "BoucWen": "models.bouc_wen",
+    "Design": "probability.space",
+    "DisplacementHistory": "ground_motion.excitation",
+    "ForceHistory": "ground_motion.excitation",
+    "Frozen": "probability.marginals",
+    "Gamma": "probability.marginals",
+    "GroundMotion": "ground_motion.record",
+    "Gumbel": "probability.marginals",
+    "Histories": "histories",
+    "IID": "inference.discrepancy",
+    "InputError": "errors",
+    "LogDensity": "inference.target",
+    "LogNormal": "probability.marginals",
+    "Normal": "probability.marginals",
+    "Observation": "inference.posterior",
+    "ParameterSpace": "probability.space",
+    "Posterior": "inference.posterior",
+    "Status": "errors",
+    "StructidError": "errors",
+    "Uniform": "probability.marginals",
+    "Weibull": "probability.marginals",
+    "sample": "inference.sampling",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(f"structid.{_PUBLIC[name]}"), name)
+    if name in _MODULES:
+        return importlib.import_module(f"structid.{name}")
+    raise AttributeError(f"module 'structid' has no attribute '{name}'")
+
+
+_MODULES = ("optimize",)
+
+
+def __dir__() -> list[str]:
+    return sorted([*_PUBLIC, *_MODULES, "__version__"])

@@ -1,0 +1,101 @@
+"""Exceptions that tell the user what to do, and the status of a run."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from enum import IntEnum
+
+
+class StructidError(Exception):
+    """Base of every error structid raises on purpose."""
+
+
+class InputError(StructidError, ValueError):
+    """Something the caller gave is wrong; the message says what came, what is allowed and what to do.
+
+    Parameters
+    ----------
+    where : str
+        The file, key, line or argument at fault.
+    came : str
+        What was found there.
+    allowed : str
+        What may stand there.
+    cure : str, optional
+        What to do about it, as a full sentence.
+    """
+
+    def __init__(self, where: str, came: str, allowed: str, cure: str = "") -> None:
+        self.where, self.came, self.allowed, self.cure = where, came, allowed, cure
+        super().__init__(f"{where}: {came}. Allowed: {allowed}.{' ' + cure if cure else ''}")
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
+        return (type(self), (self.where, self.came, self.allowed, self.cure))
+
+
+class StoreMismatchError(InputError):
+    """A store on disk belongs to another study; it is refused and left as it is."""
+
+
+class ConvergenceError(StructidError):
+    """A numerical procedure could not deliver what was asked, and the cause is not the caller's input."""
+
+
+class Status(IntEnum):
+    """What became of one run of a model."""
+
+    DONE = 0
+    DIVERGED = 1
+    FAILED = 2
+    TIMED_OUT = 3
+    PENDING = 4
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Say which known name is nearest to a wrong one.
+
+    Parameters
+    ----------
+    name : str
+        The name that came.
+    known : iterable of str
+        The names that are allowed.
+
+    Returns
+    -------
+    str
+        ``"Did you mean 'stiffness'?"``, or an empty string when nothing is near.
+    """
+    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    return f"Did you mean '{close[0]}'?" if close else ""
+
+
+def check_choice(where: str, value: str, allowed: Iterable[str]) -> str:
+    """Return `value` if it is one of `allowed`, else raise with the nearest allowed one.
+
+    Parameters
+    ----------
+    where : str
+        The argument or key, for the message.
+    value : str
+        What came.
+    allowed : iterable of str
+        What may come.
+
+    Returns
+    -------
+    str
+        `value` itself.
+
+    Raises
+    ------
+    InputError
+        If `value` is none of `allowed`.
+    """
+    names = list(allowed)
+    if value not in names:
+        raise InputError(
+            where, f"'{value}'", ", ".join(f"'{n}'" for n in names), suggestion(str(value), names)
+        )
+    return value

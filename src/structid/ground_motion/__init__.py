@@ -1,0 +1,1 @@
+"""Excitations: ground-motion records, forces and imposed displacements; reading, processing, describing, making."""

@@ -1,0 +1,167 @@
+"""What drives a model: a sampled signal at a constant step, whose type says how it acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.signal
+
+from structid.errors import InputError, check_choice
+from structid.journal import digest
+
+
+def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, float]:
+    """Freeze a signal at the door: one dimension, finite, at least two samples, a positive step.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    values : array-like, shape (time,)
+        The samples.
+    dt : float
+        Their step [s].
+
+    Returns
+    -------
+    tuple of ndarray and float
+        A read-only copy and the step.
+
+    Raises
+    ------
+    InputError
+        If anything of that does not hold.
+    """
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != 1 or array.size < 2:
+        raise InputError(where, f"an array of shape {array.shape}", "one dimension with two samples or more")
+    bad = np.flatnonzero(~np.isfinite(array))
+    if bad.size:
+        raise InputError(where, f"{bad.size} values that are not finite, the first at sample {bad[0]}", "finite numbers",
+                         "Cut or repair the signal before handing it over.")  # fmt: skip
+    if not (np.isfinite(dt) and dt > 0):
+        raise InputError(f"{where}: dt", f"{dt}", "a positive number of seconds")
+    array.setflags(write=False)
+    return array, float(dt)
+
+
+@dataclass(frozen=True, eq=False)
+class Excitation:
+    """A signal at a constant step; its subclass says how it acts on a model.
+
+    Parameters
+    ----------
+    values : array-like, shape (time,)
+        The samples in SI.
+    dt : float
+        Time step [s].
+    name : str
+        What to call it.
+    interpolation : {"linear", "periodic"}
+        Between samples: straight lines, or the Fourier series of the samples taken as one period.
+    lead_in_periods : int
+        With ``periodic``: whole periods run and dropped first, so that the response is the steady state.
+    """
+
+    values: np.ndarray
+    dt: float
+    name: str = ""
+    interpolation: str = "linear"
+    lead_in_periods: int = 0
+
+    kind: ClassVar[str] = "excitation"
+    unit: ClassVar[str] = ""
+
+    def __post_init__(self) -> None:
+        array, dt = checked_signal(f"{type(self).__name__} '{self.name}'", self.values, self.dt)
+        check_choice(f"{type(self).__name__}.interpolation", self.interpolation, ("linear", "periodic"))
+        if self.lead_in_periods and self.interpolation != "periodic":
+            raise InputError("lead_in_periods", f"{self.lead_in_periods} with linear interpolation", "0",
+                             "Only a periodic signal has periods to lead in with.")  # fmt: skip
+        object.__setattr__(self, "values", array)
+        object.__setattr__(self, "dt", dt)
+
+    def __len__(self) -> int:
+        return self.values.size
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the samples [s], shape (time,)."""
+        return np.arange(self.values.size) * self.dt
+
+    @property
+    def duration(self) -> float:
+        """Time of the last sample [s]."""
+        return (self.values.size - 1) * self.dt
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything a response depends on."""
+        return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
+
+    def stage_values(self, substeps: int) -> np.ndarray:
+        """Signal at the start, middle and end of every integration step.
+
+        Parameters
+        ----------
+        substeps : int
+            Integration steps per sample.
+
+        Returns
+        -------
+        ndarray, shape (time − 1 + lead-in samples, substeps, 3)
+            What a Runge–Kutta step needs, in order.
+        """
+        samples = self.values.size
+        if self.interpolation == "periodic":
+            fine = scipy.signal.resample(self.values, samples * 2 * substeps)
+            steps = samples * self.lead_in_periods + samples - 1
+            grid = np.take(fine, np.arange(steps * 2 * substeps + 1), mode="wrap")
+        else:
+            steps = samples - 1
+            grid = np.interp(
+                np.arange(steps * 2 * substeps + 1) / (2 * substeps), np.arange(samples), self.values
+            )
+        stages = np.stack([grid[0:-2:2], grid[1:-1:2], grid[2::2]], axis=1)
+        return stages.reshape(steps, substeps, 3)
+
+    @property
+    def dropped_samples(self) -> int:
+        """Samples of the lead-in, which a response leaves out."""
+        return self.lead_in_periods * self.values.size
+
+
+class ForceHistory(Excitation):
+    """A force on the mass [N] (for a frame: on the top storey).
+
+    Parameters
+    ----------
+    values : array-like, shape (time,)
+        Force [N].
+    dt : float
+        Time step [s].
+    name, interpolation, lead_in_periods
+        As for `Excitation`.
+    """
+
+    kind = "force"
+    unit = "N"
+
+
+class DisplacementHistory(Excitation):
+    """An imposed displacement [m], as in a quasi-static cyclic test: the model returns the force.
+
+    Parameters
+    ----------
+    values : array-like, shape (time,)
+        Displacement [m].
+    dt : float
+        Time step [s]; a rate-independent model does not feel it.
+    name, interpolation, lead_in_periods
+        As for `Excitation`.
+    """
+
+    kind = "displacement"
+    unit = "m"

@@ -1,0 +1,139 @@
+"""Processing of a sampled signal: baseline, zero-phase Butterworth filters, resampling, integration."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import scipy.integrate
+import scipy.signal
+
+from structid.errors import InputError, check_choice
+
+PASSBAND_LOSS = 3.0
+"""Loss at the edge of the passband, one way [dB]."""
+STOPBAND_LOSS = 8.0
+"""Loss at the edge of the stopband, one way [dB]."""
+STOPBAND_RATIO = 1.25
+"""Stopband edge over passband edge: 25 Hz for 20 Hz."""
+
+
+def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
+    """Subtract the mean, or the straight line of least squares.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (time,)
+        The samples.
+    kind : {"constant", "linear"}
+        What to subtract.
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        The corrected signal.
+    """
+    return scipy.signal.detrend(signal, type=check_choice("baseline", kind, ("constant", "linear")))
+
+
+def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
+    """Smallest digital Butterworth order that loses 3 dB at the passband edge and 8 dB at the stopband edge.
+
+    Parameters
+    ----------
+    edge : float
+        Passband edge [Hz].
+    dt : float
+        Time step [s].
+    stop : float, optional
+        Stopband edge [Hz]; 1.25 × `edge` when left out.
+
+    Returns
+    -------
+    int
+        The order, 3 for 20 and 25 Hz at 0.01 s.
+    """
+    stop = STOPBAND_RATIO * edge if stop is None else stop
+    nyquist = 0.5 / dt
+    if not 0 < edge < nyquist:
+        raise InputError("filter edge", f"{edge:g} Hz", f"between 0 and the Nyquist frequency {nyquist:g} Hz")
+    order, _ = scipy.signal.buttord(
+        edge, min(stop, 0.99 * nyquist), PASSBAND_LOSS, STOPBAND_LOSS, fs=1.0 / dt
+    )
+    return int(order)
+
+
+def butterworth(
+    signal: np.ndarray, dt: float, edges: float | tuple[float, float], band: str, order: int
+) -> np.ndarray:
+    """Filter forward and backward, so that no phase is shifted and the loss is doubled (6 dB at the edge).
+
+    Parameters
+    ----------
+    signal : ndarray, shape (time,)
+        The samples.
+    dt : float
+        Time step [s].
+    edges : float or pair of float
+        Edge or edges of the passband [Hz].
+    band : {"lowpass", "highpass", "bandpass"}
+        Which part passes.
+    order : int
+        Order of one pass.
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        The filtered signal.
+    """
+    nyquist = 0.5 / dt
+    pair = np.atleast_1d(edges)
+    if not (np.all(pair > 0) and np.all(pair < nyquist) and np.all(np.diff(pair) > 0)):
+        raise InputError(
+            f"{band} edge",
+            f"{edges} Hz",
+            f"rising frequencies between 0 and the Nyquist frequency {nyquist:g} Hz",
+        )
+    sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
+    return scipy.signal.sosfiltfilt(sections, signal)
+
+
+def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
+    """Resample with a polyphase anti-aliasing filter.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (time,)
+        The samples.
+    dt, new_dt : float
+        Present and wanted step [s]; their ratio must be a fraction of whole numbers up to 1000.
+
+    Returns
+    -------
+    ndarray, shape (new time,)
+        The resampled signal.
+    """
+    ratio = Fraction(dt / new_dt).limit_denominator(1000)
+    if abs(float(ratio) * new_dt / dt - 1.0) > 1e-9:
+        raise InputError(
+            "resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction"
+        )
+    return scipy.signal.resample_poly(signal, ratio.numerator, ratio.denominator)
+
+
+def integrate(signal: np.ndarray, dt: float) -> np.ndarray:
+    """Integrate over time by the trapezoidal rule, from zero.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (..., time)
+        The samples.
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    ndarray, shape (..., time)
+        The integral.
+    """
+    return scipy.integrate.cumulative_trapezoid(signal, dx=dt, initial=0.0, axis=-1)

@@ -1,0 +1,449 @@
+"""A ground-motion record: read it, process it, describe it, make one."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion import processing, readers, spectra
+from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.synthetic import stochastic_acceleration
+from structid.units import STANDARD_GRAVITY, factor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class GroundMotion(Excitation):
+    """Ground acceleration at a constant step. Immutable: every operation returns a new one.
+
+    Parameters
+    ----------
+    values : array-like, shape (time,)
+        Acceleration [m/s²].
+    dt : float
+        Time step [s].
+    name : str
+        What to call it.
+    interpolation, lead_in_periods
+        As for `Excitation`.
+
+    Examples
+    --------
+    >>> record = GroundMotion.synthetic(seed=7).lowpass(20.0).scale_to_pga(1.8)
+    >>> round(record.pga, 6)
+    1.8
+    """
+
+    kind = "ground_motion"
+    unit = "m/s^2"
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Ground acceleration [m/s²], shape (time,)."""
+        return self.values
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        dt: float | None = None,
+        unit: str | None = None,
+        column: int | None = None,
+        name: str | None = None,
+    ) -> GroundMotion:
+        """Read a PEER AT2 file, or columns of text.
+
+        Parameters
+        ----------
+        path : path-like
+            A ``.AT2`` file, or text/CSV with a time and an acceleration column, or one column.
+        dt : float, optional
+            Time step [s] of a file without a time column.
+        unit : str, optional
+            Unit of the values of a text file, such as ``"g"`` or ``"cm/s^2"``; AT2 files are in g.
+        column : int, optional
+            Column of the values in a text file, counted from 0.
+        name : str, optional
+            What to call it; the file's name when left out.
+
+        Returns
+        -------
+        GroundMotion
+            The record.
+
+        Raises
+        ------
+        InputError
+            If the file is not what it claims to be; the message names the line.
+        """
+        name = Path(path).stem if name is None else name
+        if Path(path).suffix.lower() == ".at2":
+            acceleration, step, _ = readers.read_peer(path)
+            return cls(acceleration, step, name)
+        if unit is None:
+            raise InputError(f"{path}", "no unit was given for a text file", "unit='g', 'm/s^2', 'cm/s^2', …",
+                             "Say what the numbers mean: GroundMotion.read(path, unit='g').")  # fmt: skip
+        return cls(*readers.read_columns(path, unit, dt, column), name)
+
+    @classmethod
+    def synthetic(
+        cls,
+        seed: int,
+        duration: float = 40.0,
+        dt: float = 0.01,
+        arias: float = 1.0,
+        significant_duration: float = 12.0,
+        middle: float = 8.0,
+        frequency: float = 3.0,
+        frequency_slope: float = -0.06,
+        bandwidth: float = 0.3,
+    ) -> GroundMotion:
+        """Make a stochastic record (Rezaeian & Der Kiureghian 2010, doi 10.1002/eqe.997).
+
+        Filtered white noise with a frequency that changes in time and a gamma-type modulating function, high-passed.
+
+        Parameters
+        ----------
+        seed : int
+            Seed: the same one gives the same record.
+        duration, dt : float
+            Length and time step [s].
+        arias : float
+            Expected Arias intensity [m/s].
+        significant_duration, middle : float
+            Expected D5-95 and middle of the strong shaking [s].
+        frequency, frequency_slope : float
+            Filter frequency at the middle [Hz] and its change [Hz/s].
+        bandwidth : float
+            Damping ratio of the filter.
+
+        Returns
+        -------
+        GroundMotion
+            The record.
+        """
+        samples = round(duration / dt) + 1
+        acceleration = stochastic_acceleration(
+            seed, samples, dt, arias, significant_duration, middle, frequency, frequency_slope, bandwidth
+        )
+        return cls(acceleration, dt, f"synthetic, seed {seed}")
+
+    # --- processing ---------------------------------------------------------------------------------------------
+
+    def _with(self, acceleration: np.ndarray, **changes: Any) -> GroundMotion:
+        return replace(self, values=acceleration, **changes)
+
+    def baseline(self, kind: str = "constant") -> GroundMotion:
+        """Subtract the mean or the straight line of least squares.
+
+        Parameters
+        ----------
+        kind : {"constant", "linear"}
+            What to subtract.
+
+        Returns
+        -------
+        GroundMotion
+            The corrected record.
+        """
+        return self._with(processing.remove_baseline(self.values, kind))
+
+    def lowpass(self, edge: float, order: int | None = None, stop: float | None = None) -> GroundMotion:
+        """Zero-phase Butterworth low-pass.
+
+        Parameters
+        ----------
+        edge : float
+            Passband edge [Hz]; the two passes together lose 6 dB there.
+        order : int, optional
+            Order of one pass; by default the smallest that loses 8 dB at `stop` (3 for 20 Hz at 0.01 s).
+        stop : float, optional
+            Stopband edge [Hz], 1.25 × `edge` by default.
+
+        Returns
+        -------
+        GroundMotion
+            The filtered record.
+        """
+        order = processing.butterworth_order(edge, self.dt, stop) if order is None else order
+        return self._with(processing.butterworth(self.values, self.dt, edge, "lowpass", order))
+
+    def highpass(self, edge: float, order: int = 4) -> GroundMotion:
+        """Zero-phase Butterworth high-pass.
+
+        Parameters
+        ----------
+        edge : float
+            Passband edge [Hz].
+        order : int
+            Order of one pass.
+
+        Returns
+        -------
+        GroundMotion
+            The filtered record.
+        """
+        return self._with(processing.butterworth(self.values, self.dt, edge, "highpass", order))
+
+    def bandpass(self, low: float, high: float, order: int = 4) -> GroundMotion:
+        """Zero-phase Butterworth band-pass.
+
+        Parameters
+        ----------
+        low, high : float
+            Passband edges [Hz].
+        order : int
+            Order of one pass.
+
+        Returns
+        -------
+        GroundMotion
+            The filtered record.
+        """
+        return self._with(processing.butterworth(self.values, self.dt, (low, high), "bandpass", order))
+
+    def scale(self, by: float) -> GroundMotion:
+        """Multiply by a factor.
+
+        Parameters
+        ----------
+        by : float
+            The factor.
+
+        Returns
+        -------
+        GroundMotion
+            The scaled record.
+        """
+        return self._with(self.values * by)
+
+    def scale_to_pga(self, pga: float) -> GroundMotion:
+        """Scale so that the peak ground acceleration is as wanted.
+
+        Parameters
+        ----------
+        pga : float
+            [m/s²].
+
+        Returns
+        -------
+        GroundMotion
+            The scaled record.
+
+        Raises
+        ------
+        InputError
+            If the record is zero throughout.
+        """
+        if self.pga == 0.0:
+            raise InputError("scale_to_pga", "the record is zero throughout", "a record that moves")
+        return self.scale(pga / self.pga)
+
+    def resample(self, dt: float) -> GroundMotion:
+        """Resample with an anti-aliasing filter.
+
+        Parameters
+        ----------
+        dt : float
+            The new time step [s].
+
+        Returns
+        -------
+        GroundMotion
+            The resampled record.
+        """
+        return self._with(processing.resample(self.values, self.dt, dt), dt=dt)
+
+    def trim(self, start: float, end: float) -> GroundMotion:
+        """Keep the samples from `start` up to and with `end`.
+
+        Parameters
+        ----------
+        start, end : float
+            [s].
+
+        Returns
+        -------
+        GroundMotion
+            The part, its time starting at zero.
+
+        Raises
+        ------
+        InputError
+            If the interval is empty or begins outside the record.
+        """
+        first, last = round(start / self.dt), min(round(end / self.dt), len(self) - 1)
+        if first < 0 or last - first < 1:
+            raise InputError(
+                "trim", f"{start:g} s to {end:g} s", f"an interval within 0 s to {self.duration:g} s"
+            )
+        return self._with(self.values[first : last + 1])
+
+    def pad(self, before: float = 0.0, after: float = 0.0) -> GroundMotion:
+        """Add zeros before and after.
+
+        Parameters
+        ----------
+        before, after : float
+            How much [s].
+
+        Returns
+        -------
+        GroundMotion
+            The longer record.
+        """
+        if before < 0 or after < 0:
+            raise InputError("pad", f"{before:g} s before, {after:g} s after", "times that are not negative")
+        return self._with(np.pad(self.values, (round(before / self.dt), round(after / self.dt))))
+
+    # --- describing ---------------------------------------------------------------------------------------------
+
+    @property
+    def pga(self) -> float:
+        """Peak ground acceleration [m/s²]."""
+        return float(np.abs(self.values).max())
+
+    @property
+    def velocity(self) -> np.ndarray:
+        """Ground velocity by integration from rest [m/s], shape (time,)."""
+        return processing.integrate(self.values, self.dt)
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Ground displacement by integration from rest [m], shape (time,)."""
+        return processing.integrate(self.velocity, self.dt)
+
+    @property
+    def pgv(self) -> float:
+        """Peak ground velocity [m/s]."""
+        return float(np.abs(self.velocity).max())
+
+    @property
+    def pgd(self) -> float:
+        """Peak ground displacement [m]."""
+        return float(np.abs(self.displacement).max())
+
+    @property
+    def arias_intensity(self) -> float:
+        """Arias intensity π/(2g) ∫ a² dt [m/s]."""
+        return float(spectra.arias_history(self.values, self.dt)[-1])
+
+    @property
+    def significant_duration(self) -> float:
+        """Time from 5 to 95 % of the Arias intensity [s]."""
+        return spectra.significant_duration(self.values, self.dt)
+
+    def fourier_amplitude(self) -> tuple[np.ndarray, np.ndarray]:
+        """Fourier amplitude spectrum.
+
+        Returns
+        -------
+        tuple of ndarray, shape (frequency,)
+            Frequency [Hz] and amplitude [m/s].
+        """
+        return spectra.fourier_amplitude(self.values, self.dt)
+
+    @property
+    def dominant_frequency(self) -> float:
+        """Frequency of the largest Fourier amplitude [Hz]."""
+        frequency, amplitude = self.fourier_amplitude()
+        return float(frequency[1:][np.argmax(amplitude[1:])])
+
+    def response_spectrum(
+        self, periods: np.ndarray | None = None, damping_ratio: float = 0.05
+    ) -> spectra.ResponseSpectrum:
+        """Response spectrum of linear oscillators.
+
+        Parameters
+        ----------
+        periods : ndarray, shape (period,), optional
+            [s]; 120 between 0.02 and 10 s when left out.
+        damping_ratio : float
+            Fraction of critical damping.
+
+        Returns
+        -------
+        ResponseSpectrum
+            Period [s], displacement [m], pseudo-velocity [m/s], pseudo-acceleration [m/s²].
+        """
+        return spectra.response_spectrum(self.values, self.dt, periods, damping_ratio)
+
+    def __str__(self) -> str:
+        return (
+            f"GroundMotion '{self.name}': PGA {self.pga:.4g} m/s² ({self.pga / STANDARD_GRAVITY:.3g} g), dt {self.dt:g} s, "
+            f"fs {1 / self.dt:g} Hz, {len(self)} samples, {self.duration:g} s, "
+            f"dominant frequency {self.dominant_frequency:.3g} Hz"
+        )
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
+    def to_csv(self, path: str | os.PathLike[str], unit: str = "m/s^2") -> Path:
+        """Write time and acceleration as two columns, which `read` takes back.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        unit : str
+            Unit of the accelerations.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        np.savetxt(
+            path, np.column_stack([self.time, self.values / factor(unit)]), delimiter=",", comments="", fmt="%.12g",
+            header=f"time [s],acceleration [{unit}]",
+        )  # fmt: skip
+        return Path(path)
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the record, its Fourier amplitude and its response spectrum.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from structid.figures import record as figure
+
+        spectrum = self.response_spectrum()
+        return figure.record(
+            self.time, self.values, *self.fourier_amplitude(), spectrum.period, spectrum.pseudo_acceleration,
+            title=self.name, save=save,
+        )  # fmt: skip
+
+    def plot_filter(self, filtered: GroundMotion, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw this record and its filtered form, in time and in frequency, for tuning the filter.
+
+        Parameters
+        ----------
+        filtered : GroundMotion
+            The same record after a filter.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from structid.figures import record as figure
+
+        return figure.filter_tuning(
+            self.time, self.values, *self.fourier_amplitude(),
+            filtered.time, filtered.values, *filtered.fourier_amplitude(), title=self.name, save=save,
+        )  # fmt: skip

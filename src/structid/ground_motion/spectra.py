@@ -1,0 +1,221 @@
+"""Spectra and measures of a ground motion: Fourier amplitude, response spectra, Arias intensity, duration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.signal
+import scipy.spatial
+
+from structid.errors import InputError
+from structid.ground_motion.processing import integrate
+from structid.units import STANDARD_GRAVITY
+
+DEFAULT_PERIODS = np.geomspace(0.02, 10.0, 120)
+"""Oscillator periods of a response spectrum [s]."""
+DEFAULT_PERIODS.setflags(write=False)
+
+
+class ResponseSpectrum(NamedTuple):
+    """Peak responses of linear oscillators to a ground motion, each of shape (period,)."""
+
+    period: np.ndarray
+    displacement: np.ndarray
+    pseudo_velocity: np.ndarray
+    pseudo_acceleration: np.ndarray
+
+
+def fourier_amplitude(signal: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Fourier amplitude spectrum, |Σ x exp(−iωt)| dt.
+
+    Parameters
+    ----------
+    signal : ndarray, shape (time,)
+        The samples.
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    tuple of ndarray, shape (frequency,)
+        Frequency [Hz] and amplitude [signal unit · s].
+    """
+    return np.fft.rfftfreq(signal.size, dt), np.abs(np.fft.rfft(signal)) * dt
+
+
+def arias_history(acceleration: np.ndarray, dt: float) -> np.ndarray:
+    """Arias intensity built up so far, π/(2g) ∫ a² dt.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (time,)
+        [m/s²].
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        [m/s].
+    """
+    return np.pi / (2.0 * STANDARD_GRAVITY) * integrate(acceleration**2, dt)
+
+
+def significant_duration(
+    acceleration: np.ndarray, dt: float, start: float = 0.05, end: float = 0.95
+) -> float:
+    """Time between two fractions of the Arias intensity.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (time,)
+        [m/s²].
+    dt : float
+        Time step [s].
+    start, end : float
+        The fractions; D5-95 by default.
+
+    Returns
+    -------
+    float
+        [s].
+    """
+    history = arias_history(acceleration, dt)
+    times = np.interp(np.array([start, end]) * history[-1], history, np.arange(history.size) * dt)
+    return float(times[1] - times[0])
+
+
+def oscillator_displacement(
+    acceleration: np.ndarray, dt: float, period: float, damping_ratio: float = 0.05
+) -> np.ndarray:
+    """Relative displacement of a linear oscillator, exact for a record that is linear between samples.
+
+    The recurrence of Nigam & Jennings (1969, Bull. Seism. Soc. Am. 59, 909) for u″ + 2ζω u′ + ω² u = −a_g, run at
+    the step dt/⌈10 dt/T⌉ so that the peaks of stiff oscillators are not missed between samples.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (time,)
+        Ground acceleration [m/s²].
+    dt : float
+        Time step [s].
+    period : float
+        Undamped period T [s].
+    damping_ratio : float
+        Fraction of critical damping ζ.
+
+    Returns
+    -------
+    ndarray, shape (fine time,)
+        Displacement [m] at the fine step.
+    """
+    refinement = int(np.ceil(10.0 * dt / period))
+    fine = np.interp(
+        np.arange((acceleration.size - 1) * refinement + 1) / refinement,
+        np.arange(acceleration.size),
+        acceleration,
+    )
+    omega = 2.0 * np.pi / period
+    system = (
+        [[0.0, 1.0], [-(omega**2), -2.0 * damping_ratio * omega]],
+        [[0.0], [-1.0]],
+        [[1.0, 0.0]],
+        [[0.0]],
+    )
+    a, b, c, d, _ = scipy.signal.cont2discrete(system, dt / refinement, method="foh")
+    # First-order hold is the piecewise-linear recurrence; as a filter it runs in compiled code. The two zeros come
+    # from the Markov parameters, which keeps their digits where the step is a tiny part of the period.
+    trace, determinant = a[0, 0] + a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
+    h0, h1, h2 = d[0, 0], (c @ b)[0, 0], (c @ a @ b)[0, 0]
+    numerator = [h0, h1 - trace * h0, h2 - trace * h1 + determinant * h0]
+    # The record is taken to rise from zero over the step before its first sample.
+    return scipy.signal.lfilter(numerator, [1.0, -trace, determinant], fine)
+
+
+def response_spectrum(
+    acceleration: np.ndarray, dt: float, periods: np.ndarray | None = None, damping_ratio: float = 0.05
+) -> ResponseSpectrum:
+    """Peak displacement, pseudo-velocity and pseudo-acceleration of linear oscillators.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (time,)
+        Ground acceleration [m/s²].
+    dt : float
+        Time step [s].
+    periods : ndarray, shape (period,), optional
+        [s]; 120 between 0.02 and 10 s when left out.
+    damping_ratio : float
+        Fraction of critical damping.
+
+    Returns
+    -------
+    ResponseSpectrum
+        Arrays of shape (period,).
+    """
+    periods = np.asarray(DEFAULT_PERIODS if periods is None else periods, dtype=np.float64)
+    if np.any(periods <= 0):
+        raise InputError(
+            "periods", f"{periods.min():g} s", "positive periods; at T = 0 the spectrum is the PGA"
+        )
+    peak = np.array(
+        [np.abs(oscillator_displacement(acceleration, dt, t, damping_ratio)).max() for t in periods]
+    )
+    omega = 2.0 * np.pi / periods
+    return ResponseSpectrum(periods, peak, omega * peak, omega**2 * peak)
+
+
+def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> float:
+    """Percentile over all directions of the peak of two horizontal components (Boore 2010, RotD50).
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (time,)
+        The two components at the same times.
+    percentile : float
+        50 for RotD50, 100 for the largest direction.
+
+    Returns
+    -------
+    float
+        In the components' unit.
+    """
+    angles = np.deg2rad(np.arange(180))
+    # The peak over time in any direction lies on the convex hull of the orbit, which has few points.
+    points = np.column_stack([first, second])
+    hull = points[scipy.spatial.ConvexHull(points).vertices]
+    peaks = np.abs(hull @ np.vstack([np.cos(angles), np.sin(angles)])).max(axis=0)
+    return float(np.percentile(peaks, percentile))
+
+
+def rotd_spectrum(
+    first: np.ndarray, second: np.ndarray, dt: float, periods: np.ndarray, damping_ratio: float = 0.05
+) -> np.ndarray:
+    """RotD50 pseudo-acceleration spectrum of two horizontal components.
+
+    Parameters
+    ----------
+    first, second : ndarray, shape (time,)
+        Ground acceleration [m/s²]; the longer one is cut.
+    dt : float
+        Time step [s].
+    periods : ndarray, shape (period,)
+        [s].
+    damping_ratio : float
+        Fraction of critical damping.
+
+    Returns
+    -------
+    ndarray, shape (period,)
+        [m/s²].
+    """
+    samples = min(first.size, second.size)
+    components = (first[:samples], second[:samples])
+    return np.array(
+        [
+            (2 * np.pi / t) ** 2
+            * rotd(*(oscillator_displacement(x, dt, t, damping_ratio) for x in components))
+            for t in periods
+        ]
+    )

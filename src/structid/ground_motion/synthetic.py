@@ -1,0 +1,142 @@
+"""A stochastic ground motion: filtered white noise whose frequency and intensity change with time.
+
+The model of S. Rezaeian & A. Der Kiureghian (2010), "Simulation of synthetic ground motions for specified earthquake and
+site characteristics", Earthquake Engng Struct. Dyn. 39, 1155-1180, doi 10.1002/eqe.997.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.optimize
+import scipy.signal
+import scipy.stats
+
+from structid.errors import InputError
+from structid.units import STANDARD_GRAVITY
+
+CORNER_FREQUENCY = 0.1
+"""Corner of the critically damped high-pass oscillator [Hz]."""
+
+
+def modulating_function(time: np.ndarray, arias: float, duration: float, middle: float) -> np.ndarray:
+    """Gamma-type modulating function q(t) = α₁ t^(α₂−1) exp(−α₃ t), from three physical measures.
+
+    q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃, so the times of 5, 45 and 95 % of the Arias
+    intensity are quantiles of that density.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    arias : float
+        Expected Arias intensity [m/s].
+    duration : float
+        Significant duration D5-95 [s].
+    middle : float
+        Time at the middle of strong shaking, 45 % of the Arias intensity [s].
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        Standard deviation of the motion [m/s²].
+    """
+
+    def ratio(log_shape: float) -> float:
+        q05, q45, q95 = scipy.stats.gamma.ppf([0.05, 0.45, 0.95], np.exp(log_shape))
+        return float((q95 - q05) / q45 - duration / middle)
+
+    low, high = np.log(0.3), np.log(1e4)
+    if ratio(low) * ratio(high) > 0:
+        raise InputError("synthetic record", f"duration {duration:g} s with middle {middle:g} s",
+                         "a duration between 0.04 and 20 times the middle")  # fmt: skip
+    shape = float(np.exp(scipy.optimize.brentq(ratio, low, high)))
+    scale = middle / scipy.stats.gamma.ppf(0.45, shape)
+    # π/(2g) ∫ q² dt = I_a
+    return np.sqrt(2.0 * STANDARD_GRAVITY / np.pi * arias * scipy.stats.gamma.pdf(time, shape, scale=scale))
+
+
+def filtered_noise(
+    rng: np.random.Generator, samples: int, dt: float, frequency: np.ndarray, damping_ratio: float
+) -> np.ndarray:
+    """White noise through a filter whose frequency changes with time, at unit variance.
+
+    x(t) = Σ_i h(t − t_i; ω_i) w_i / σ_h(t),  h(τ; ω) = ω/√(1−ζ²) exp(−ζωτ) sin(ω√(1−ζ²) τ)
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of the noise.
+    samples : int
+        Number of samples.
+    dt : float
+        Time step [s].
+    frequency : ndarray, shape (time,)
+        Filter frequency at each pulse [Hz].
+    damping_ratio : float
+        Filter bandwidth ζ.
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        The noise.
+    """
+    noise = rng.standard_normal(samples)
+    omega = 2.0 * np.pi * frequency
+    root = np.sqrt(1.0 - damping_ratio**2)
+    time = np.arange(samples) * dt
+    motion, variance = np.zeros(samples), np.zeros(samples)
+    # Pulse by pulse, each over the time it lives: exp(−ζωτ) < 1e-7.
+    lives = np.minimum(np.ceil(16.0 / (damping_ratio * omega) / dt).astype(int) + 1, samples)
+    for i in range(samples):
+        lag = time[: min(lives[i], samples - i)]
+        pulse = omega[i] / root * np.exp(-damping_ratio * omega[i] * lag) * np.sin(omega[i] * root * lag)
+        motion[i : i + lag.size] += pulse * noise[i]
+        variance[i : i + lag.size] += pulse**2
+    return motion / np.sqrt(np.maximum(variance, variance.max() * 1e-12))
+
+
+def stochastic_acceleration(
+    seed: int,
+    samples: int,
+    dt: float,
+    arias: float,
+    duration: float,
+    middle: float,
+    frequency: float,
+    frequency_slope: float,
+    damping_ratio: float,
+) -> np.ndarray:
+    """One realisation of the stochastic ground acceleration.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the white noise.
+    samples : int
+        Number of samples.
+    dt : float
+        Time step [s].
+    arias, duration, middle : float
+        Arias intensity [m/s], D5-95 [s] and middle of strong shaking [s].
+    frequency, frequency_slope : float
+        Filter frequency at the middle [Hz] and its rate of change [Hz/s]; kept above 0.3 Hz.
+    damping_ratio : float
+        Filter bandwidth.
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        Ground acceleration [m/s²].
+    """
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x6772_6F75]))
+    time = np.arange(samples) * dt
+    filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)
+    motion = modulating_function(time, arias, duration, middle) * filtered_noise(
+        rng, samples, dt, filter_frequency, damping_ratio
+    )
+    # z″ + 2ω_c z′ + ω_c² z = x: the ground acceleration is z″, whose velocity and displacement return to zero.
+    corner = 2.0 * np.pi * CORNER_FREQUENCY
+    numerator, denominator = scipy.signal.bilinear(
+        [1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt
+    )
+    return scipy.signal.lfilter(numerator, denominator, motion)

@@ -1,0 +1,248 @@
+"""Response histories of many runs, and what became of each run."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.errors import InputError, Status, check_choice
+from structid.units import factor
+
+if TYPE_CHECKING:
+    import xarray
+    from matplotlib.figure import Figure
+
+CHANNEL_UNITS = {
+    "displacement": ("m", "mm"),
+    "velocity": ("m/s", "mm/s"),
+    "relative_acceleration": ("m/s^2", "m/s^2"),
+    "absolute_acceleration": ("m/s^2", "m/s^2"),
+    "restoring_force": ("N", "kN"),
+    "hysteretic_displacement": ("m", "mm"),
+    "hysteretic_energy": ("J", "J"),
+    "elastic_energy": ("J", "J"),
+    "absorbed_energy": ("J", "J"),
+    "drift": ("m", "mm"),
+    "base_shear": ("N", "kN"),
+}
+"""SI unit and display unit of every channel a built-in model can give."""
+
+
+def base_channel(channel: str) -> str:
+    """Strip the storey from a channel's name.
+
+    Parameters
+    ----------
+    channel : str
+        ``"displacement_2"`` or ``"displacement"``.
+
+    Returns
+    -------
+    str
+        ``"displacement"``.
+    """
+    head, _, tail = channel.rpartition("_")
+    return head if tail.isdigit() else channel
+
+
+def display_unit(channel: str) -> str:
+    """Return the unit figures and tables use for a channel.
+
+    Parameters
+    ----------
+    channel : str
+        A channel's name.
+
+    Returns
+    -------
+    str
+        Its unit, empty for a channel structid does not know.
+    """
+    return CHANNEL_UNITS.get(base_channel(channel), ("", ""))[1]
+
+
+@dataclass(frozen=True)
+class Histories:
+    """Response histories of several runs on one excitation.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, time, channel)
+        In SI. After a failure a run's values are NaN.
+    dt : float
+        Time step [s].
+    channels : sequence of str
+        Names of the channels.
+    status : ndarray of int, shape (run,), optional
+        A `Status` per run; all done when left out.
+    failure_time : ndarray, shape (run,), optional
+        Time at which a run failed [s], NaN where it did not.
+    excitation : str, optional
+        Name of the record.
+    """
+
+    values: np.ndarray
+    dt: float
+    channels: tuple[str, ...]
+    status: np.ndarray = field(default=None)  # type: ignore[assignment]
+    failure_time: np.ndarray = field(default=None)  # type: ignore[assignment]
+    excitation: str = ""
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values, dtype=np.float64)
+        if values.ndim != 3 or values.shape[2] != len(self.channels):
+            raise InputError(
+                "Histories.values", f"shape {values.shape}", f"(run, time, {len(self.channels)} channels)"
+            )
+        runs = values.shape[0]
+        status = (
+            np.zeros(runs, dtype=np.int8) if self.status is None else np.asarray(self.status, dtype=np.int8)
+        )
+        times = (
+            np.full(runs, np.nan)
+            if self.failure_time is None
+            else np.asarray(self.failure_time, dtype=np.float64)
+        )
+        for name, value in (
+            ("values", values), ("status", status), ("failure_time", times), ("channels", tuple(self.channels)),
+        ):  # fmt: skip
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return self.values.shape[0]
+
+    @property
+    def time(self) -> np.ndarray:
+        """Times of the samples [s], shape (time,)."""
+        return np.arange(self.values.shape[1]) * self.dt
+
+    @property
+    def done(self) -> np.ndarray:
+        """Which runs reached the end, shape (run,)."""
+        return self.status == Status.DONE
+
+    def channel(self, name: str) -> np.ndarray:
+        """Return one channel of every run.
+
+        Parameters
+        ----------
+        name : str
+            The channel.
+
+        Returns
+        -------
+        ndarray, shape (run, time)
+            Its values in SI.
+
+        Raises
+        ------
+        InputError
+            If there is no such channel.
+        """
+        return self.values[:, :, self.channels.index(check_choice("channel", name, self.channels))]
+
+    def to_csv(self, path: str | os.PathLike[str], run: int = 0, display: bool = False) -> Path:
+        """Write one run as comma-separated columns: time, then every channel.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        run : int
+            Which run.
+        display : bool
+            Write display units (mm, kN) instead of SI.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        units = [CHANNEL_UNITS.get(base_channel(c), ("", ""))[int(display)] for c in self.channels]
+        columns = self.values[run] / np.array([factor(u) for u in units])
+        header = ",".join(["time [s]", *(f"{c} [{u}]" for c, u in zip(self.channels, units, strict=True))])
+        np.savetxt(
+            path,
+            np.column_stack([self.time, columns]),
+            delimiter=",",
+            header=header,
+            comments="",
+            fmt="%.12g",
+        )
+        return Path(path)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Give the histories as an xarray Dataset with dimensions run, time, channel.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables ``values``, ``status`` and ``failure_time``.
+        """
+        import xarray
+
+        return xarray.Dataset(
+            {
+                "values": (("run", "time", "channel"), self.values),
+                "status": ("run", self.status),
+                "failure_time": ("run", self.failure_time),
+            },
+            coords={"time": self.time, "channel": list(self.channels)},
+            attrs={"dt": self.dt, "excitation": self.excitation},
+        )
+
+    def plot(self, run: int = 0, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw every channel of one run against time.
+
+        Parameters
+        ----------
+        run : int
+            Which run.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from structid.figures import response
+
+        units = [display_unit(c) for c in self.channels]
+        columns = [self.channel(c)[run] / factor(u) for c, u in zip(self.channels, units, strict=True)]
+        return response.histories(self.time, columns, self.channels, units, title=self.excitation, save=save)
+
+
+def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Return `channels` as a tuple if all are known and none is named twice.
+
+    Parameters
+    ----------
+    where : str
+        The argument or key, for the message.
+    channels : sequence of str
+        What came.
+    known : sequence of str
+        What the model has.
+
+    Returns
+    -------
+    tuple of str
+        The channels.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or repeated, or there is none.
+    """
+    names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
+    for name in names:
+        check_choice(where, name, known)
+    if not names or len(set(names)) < len(names):
+        raise InputError(where, f"{list(names)}", f"one or more of {', '.join(known)}, each once")
+    return names

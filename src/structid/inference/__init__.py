@@ -1,0 +1,1 @@
+"""Inference: discrepancy, posterior, samplers, diagnostics, prediction."""

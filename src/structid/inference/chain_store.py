@@ -1,0 +1,104 @@
+"""Draws on disk: a journal while a sampler runs, one HDF5 file when it has finished."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.journal import Journal, compare_identity
+
+SCHEMA = 1
+"""Version of the layout inside the file."""
+
+
+class ChainStore:
+    """Blocks of draws that survive a kill: each is on disk before the next is begun.
+
+    An HDF5 file that is being appended to does not survive a kill, so blocks go to a checksummed journal
+    (``<path>.journal``) and are put together into the HDF5 file by write-then-rename.
+
+    Parameters
+    ----------
+    path : path-like
+        The HDF5 file.
+    identity : mapping
+        Target, sampler settings and seed; a store with another identity is refused.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.identity = {"schema": SCHEMA, **identity}
+        self._finished = self._read_finished()
+        journal = self.path.with_name(self.path.name + ".journal")
+        self._journal = Journal(journal, self.identity)
+
+    def _read_finished(self) -> list[dict[str, np.ndarray]]:
+        if not self.path.exists():
+            return []
+        import h5py
+
+        try:
+            with h5py.File(self.path, "r") as file:
+                found = json.loads(file.attrs["identity"])
+                arrays = {name: file[name][...] for name in file}
+        except (OSError, KeyError) as cause:
+            raise InputError(f"store {self.path}", "this file holds no chains of structid", "a chain store, or no file",
+                             "Name another store; this one is left as it is.") from cause  # fmt: skip
+        compare_identity(self.path, found, self.identity)
+        ends = np.cumsum(arrays.pop("block_steps"))
+        return [
+            {name: array[start:end] for name, array in arrays.items()}
+            for start, end in zip([0, *ends[:-1]], ends, strict=True)
+        ]
+
+    def blocks(self) -> list[dict[str, np.ndarray]]:
+        """All blocks on disk, in order.
+
+        Returns
+        -------
+        list of dict
+            Arrays with a leading step axis.
+        """
+        # A kill between the rename and the removal of the journal leaves blocks in both.
+        known = len(self._finished)
+        return self._finished + [b for b in self._journal if int(b.pop("index")) >= known]
+
+    def append(self, index: int, block: Mapping[str, np.ndarray]) -> None:
+        """Put one block on disk.
+
+        Parameters
+        ----------
+        index : int
+            Its number.
+        block : mapping of str to ndarray
+            Arrays with a leading step axis.
+        """
+        self._journal.append({"index": np.array(index), **block})
+
+    def finish(self) -> None:
+        """Put all blocks together into the HDF5 file and remove the journal."""
+        import h5py
+
+        blocks = self.blocks()
+        if blocks and len(blocks) > len(self._finished):
+            temporary = self.path.with_name(self.path.name + ".partial")
+            with h5py.File(temporary, "w") as file:
+                file.attrs["identity"] = json.dumps(self.identity, sort_keys=True)
+                file["block_steps"] = [len(next(iter(b.values()))) for b in blocks]
+                for name in blocks[0]:
+                    file.create_dataset(
+                        name,
+                        data=np.concatenate([b[name] for b in blocks]),
+                        compression="gzip",
+                        compression_opts=1,
+                    )
+            with temporary.open("rb+") as file:
+                os.fsync(file.fileno())
+            temporary.replace(self.path)
+        self._journal.path.unlink(missing_ok=True)

@@ -1,0 +1,265 @@
+"""Has it converged? Autocorrelation time, effective sample size, R-hat over independent ensembles, stuck walkers."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.stats
+
+R_HAT_LIMIT = 1.01
+"""Largest R-hat of a converged run (Vehtari et al. 2021)."""
+EFFECTIVE_SIZE_LIMIT = 400
+"""Smallest bulk and tail effective sample size of a converged run."""
+LENGTH_LIMIT = 50
+"""Kept steps, in autocorrelation times, of a converged run."""
+STUCK_ACCEPTANCE = 0.2
+"""A walker whose acceptance is below this fraction of the median walker's is stuck."""
+BOUND_WIDTH = 0.02
+"""The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
+BOUND_MASS = 0.2
+"""Posterior mass in that strip from which a marginal is said to sit on the bound."""
+TAIL_PROBABILITY = 1e-3
+"""A posterior median beyond this prior probability says that prior and data disagree."""
+
+
+def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
+    """Integrated autocorrelation time, τ = 1 + 2 Σ ρ(t), with Sokal's window.
+
+    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). Several series are averaged in their autocorrelation
+    first, since each alone is noisy.
+
+    Parameters
+    ----------
+    series : ndarray, shape (series, step)
+        Independent, equally long series.
+    window : float
+        Length of the window in τ.
+
+    Returns
+    -------
+    float
+        τ in steps, at least 1; NaN for a constant series.
+    """
+    series = np.atleast_2d(series)
+    steps = series.shape[1]
+    # Each about its own mean: what ensembles disagree on is R-hat's matter.
+    centred = series - series.mean(axis=1, keepdims=True)
+    transform = np.fft.rfft(centred, n=2 * steps, axis=1)
+    covariance = np.fft.irfft(np.abs(transform) ** 2, axis=1)[:, :steps].mean(axis=0)
+    if covariance[0] <= 0.0:
+        return float("nan")
+    sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
+    long_enough = np.flatnonzero(np.arange(steps) >= window * sums)
+    return float(max(sums[long_enough[0] if long_enough.size else steps - 1], 1.0))
+
+
+def effective_sample_size(draws: np.ndarray) -> float:
+    """Effective number of independent draws for the mean of a quantity.
+
+    Walkers of a stationary ensemble are independent at any one step, so the mean over walkers has the variance σ²/W, and
+    ESS = E · W · S/τ, with τ that of the ensembles' mean series.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        The quantity.
+
+    Returns
+    -------
+    float
+        ESS; NaN for a constant quantity.
+    """
+    return draws.size / autocorrelation_time(draws.mean(axis=2).T)
+
+
+def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
+    """Effective sample sizes of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        One parameter.
+
+    Returns
+    -------
+    tuple of float
+        Bulk and tail ESS (Vehtari et al. 2021, doi 10.1214/20-BA1221).
+    """
+    ranks = scipy.stats.rankdata(draws).reshape(draws.shape)
+    normal = scipy.stats.norm.ppf((ranks - 0.375) / (draws.size + 0.25))
+    low, high = np.quantile(draws, [0.05, 0.95])
+    tails = [effective_sample_size((draws <= q).astype(np.float64)) for q in (low, high)]
+    return effective_sample_size(normal), min(tails)
+
+
+def r_hat(draws: np.ndarray) -> float:
+    """Rank-normalised split R-hat over ensembles, the walkers of each pooled.
+
+    Walkers of one ensemble are not independent chains; ensembles are.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        One parameter.
+
+    Returns
+    -------
+    float
+        R-hat (Vehtari et al. 2021), NaN with a single ensemble: there is nothing independent to compare.
+    """
+    steps, ensembles, walkers = draws.shape
+    if ensembles < 2:
+        return float("nan")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz
+
+        # Step by step, so that the split into halves is a split in time.
+        return float(arviz.rhat(draws.transpose(1, 0, 2).reshape(ensembles, steps * walkers)))
+
+
+def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
+    """Walkers that hardly move, or that end far below where the others are.
+
+    Parameters
+    ----------
+    accepted : ndarray of bool, shape (step, ensemble, walker)
+        Whether each proposal was accepted, over the kept steps.
+    log_density : ndarray, shape (step, ensemble, walker)
+        Log density in sampling coordinates.
+
+    Returns
+    -------
+    ndarray of bool, shape (ensemble, walker)
+        True where the acceptance is below a fifth of the median, or the best log density of the last fifth of the steps is
+        below anything the upper three quarters of all walkers visit.
+    """
+    rate = accepted.mean(axis=0)
+    slow = rate < STUCK_ACCEPTANCE * np.median(rate)
+    last = log_density[-max(len(log_density) // 5, 1) :]
+    best = last.max(axis=0)
+    healthy = last[:, best >= np.quantile(best, 0.25)]
+    return slow | (best < healthy.min())
+
+
+@dataclass(frozen=True)
+class ParameterDiagnostics:
+    """Diagnostics of one parameter.
+
+    Parameters
+    ----------
+    r_hat, autocorrelation_time, bulk_size, tail_size : float
+        R-hat over ensembles, τ in steps, bulk and tail ESS.
+    """
+
+    r_hat: float
+    autocorrelation_time: float
+    bulk_size: float
+    tail_size: float
+
+
+def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
+    """All diagnostics of one parameter.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        Its kept draws.
+
+    Returns
+    -------
+    ParameterDiagnostics
+        The figures.
+    """
+    bulk, tail = bulk_and_tail_size(draws)
+    return ParameterDiagnostics(r_hat(draws), autocorrelation_time(draws.mean(axis=2).T), bulk, tail)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a run may be believed, and why not.
+
+    Parameters
+    ----------
+    converged : bool
+        True only if nothing in `failures` was found.
+    failures : tuple of str
+        What speaks against convergence, a sentence each.
+    warnings : tuple of str
+        What the reader must know beside convergence.
+    parameters : dict of str to ParameterDiagnostics
+        The figures behind it.
+    acceptance : ndarray, shape (ensemble, walker)
+        Acceptance rate over the kept steps.
+    stuck : int
+        Number of stuck walkers.
+    failed_simulations : int
+        Simulations within the prior's support that failed; they count as −inf.
+    unexplained : float
+        Fraction of the measurement's variance left by the best prediction, NaN where there is no measurement.
+    kept_steps : int
+        Steps kept after the start was dropped.
+    """
+
+    converged: bool
+    failures: tuple[str, ...]
+    warnings: tuple[str, ...]
+    parameters: dict[str, ParameterDiagnostics] = field(repr=False)
+    acceptance: np.ndarray = field(repr=False)
+    stuck: int
+    failed_simulations: int
+    unexplained: float
+    kept_steps: int
+
+    def __str__(self) -> str:
+        head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
+        lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
+        return "\n".join(lines)
+
+
+def convergence_failures(
+    parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int
+) -> list[str]:
+    """What speaks against convergence.
+
+    Parameters
+    ----------
+    parameters : dict of str to ParameterDiagnostics
+        The figures.
+    kept_steps, ensembles, stuck : int
+        Kept steps, independent ensembles, stuck walkers.
+
+    Returns
+    -------
+    list of str
+        A sentence for each failure; empty if converged.
+    """
+    failures: list[str] = []
+    if ensembles < 2:
+        failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
+    else:
+        name, worst = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].r_hat, nan=np.inf))
+        if not worst.r_hat < R_HAT_LIMIT:
+            failures.append(
+                f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree"
+            )
+    name, slowest = max(
+        parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf)
+    )
+    if not kept_steps >= LENGTH_LIMIT * slowest.autocorrelation_time:
+        failures.append(
+            f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.0f} autocorrelation times of {name} "
+            f"(τ = {slowest.autocorrelation_time:.0f} steps), not {LENGTH_LIMIT}"
+        )
+    for kind in ("bulk", "tail"):
+        sizes = {n: getattr(p, f"{kind}_size") for n, p in parameters.items()}
+        name = min(sizes, key=lambda n: np.nan_to_num(sizes[n], nan=-np.inf))
+        if not sizes[name] >= EFFECTIVE_SIZE_LIMIT:
+            failures.append(
+                f"{kind} effective sample size of {name} is {sizes[name]:.0f}, below {EFFECTIVE_SIZE_LIMIT}"
+            )
+    if stuck:
+        failures.append(f"{stuck} stuck walker{'s' if stuck > 1 else ''}: they never joined the others")
+    return failures

@@ -1,0 +1,271 @@
+"""The difference between model and measurement as a random process: y = M(θ) + ε."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.histories import CHANNEL_UNITS, base_channel
+from structid.probability.marginals import Marginal, Uniform
+
+
+class Discrepancy(ABC):
+    """A law of ε with parameters of its own, which are inferred with the model's."""
+
+    @abstractmethod
+    def parameters(self, values: np.ndarray, channels: tuple[str, ...]) -> dict[str, Marginal]:
+        """Unknown parameters of ε and their priors.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Names of its channels.
+
+        Returns
+        -------
+        dict of str to Marginal
+            Empty if everything is known.
+        """
+
+    @abstractmethod
+    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Log density of the whole residual, inside JAX.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The log-likelihood.
+        """
+
+    @abstractmethod
+    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Log density of every observation given those before it, inside JAX.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            Its sum over time and channel is the log-likelihood.
+        """
+
+    @abstractmethod
+    def draw(
+        self, rng: np.random.Generator, shape: tuple[int, int, int], unknown: Mapping[str, np.ndarray],
+        channels: tuple[str, ...],
+    ) -> np.ndarray:  # fmt: skip
+        """Draw ε.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        shape : tuple of int
+            (run, time, channel).
+        unknown : mapping of str to ndarray (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            ε in SI.
+        """
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Return everything that defines the law, for hashes and reports."""
+
+
+@dataclass(frozen=True, eq=False)
+class IID(Discrepancy):
+    """Independent, identically distributed Gaussian discrepancy.
+
+    log L = −½ T log(2πσ²) − ‖y − M(θ)‖² / (2σ²) for each variance σ², T being the number of values that share it.
+
+    Parameters
+    ----------
+    variance : float, Marginal, mapping of channel to either, or None
+        A known σ² in the square of the channel's SI unit; its prior; or None for the prior U(0, max|y|²).
+    per_channel : bool, optional
+        A σ² for each channel, or one for all; by default one each, since channels differ in unit.
+    """
+
+    variance: float | Marginal | Mapping[str, float | Marginal] | None = None
+    per_channel: bool = True
+
+    def __post_init__(self) -> None:
+        given = self.variance.values() if isinstance(self.variance, Mapping) else [self.variance]
+        for value in given:
+            if isinstance(value, (int, float)) and not (np.isfinite(value) and value > 0):
+                raise InputError("IID(variance)", f"{value}", "a positive number, a prior, or None")
+
+    def _name(self, channel: str, channels: tuple[str, ...]) -> str:
+        return f"sigma2_{channel}" if self.per_channel and len(channels) > 1 else "sigma2"
+
+    def _given(self, channel: str) -> float | Marginal | None:
+        if not isinstance(self.variance, Mapping):
+            return self.variance
+        if channel not in self.variance:
+            raise InputError(
+                "IID(variance)", f"nothing for channel '{channel}'", "a variance or a prior for every channel"
+            )
+        return self.variance[channel]
+
+    def parameters(self, values: np.ndarray, channels: tuple[str, ...]) -> dict[str, Marginal]:
+        """Unknown variances and their priors; see `Discrepancy.parameters`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Names of its channels.
+
+        Returns
+        -------
+        dict of str to Marginal
+            ``sigma2``, or ``sigma2_<channel>`` for each.
+        """
+        priors: dict[str, Marginal] = {}
+        for i, channel in enumerate(channels):
+            given = self._given(channel)
+            if isinstance(given, Marginal):
+                priors.setdefault(self._name(channel, channels), given)
+            elif given is None:
+                peak = np.abs(values).max() if not self.per_channel else np.abs(values[:, i]).max()
+                if peak == 0.0:
+                    raise InputError(
+                        f"observation, channel '{channel}'", "zero throughout", "a response that moves"
+                    )
+                unit = CHANNEL_UNITS.get(base_channel(channel), ("", ""))[0]
+                priors.setdefault(
+                    self._name(channel, channels),
+                    Uniform(0.0, float(peak) ** 2, unit=f"({unit})^2" if unit else ""),
+                )
+        return priors
+
+    def _variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
+        """Return σ² of every channel and run, shape (channel, run)."""
+        rows = []
+        for channel in channels:
+            given = self._given(channel)
+            known = given if isinstance(given, (int, float)) else unknown[self._name(channel, channels)]
+            rows.append(numpy.broadcast_to(numpy.asarray(known, dtype=np.float64), (runs,)))
+        return numpy.stack(rows)
+
+    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Log density of the whole residual; see `Discrepancy.log_likelihood`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
+        """
+        from structid.device import jnp
+
+        variance = self._variances(unknown, channels, residual.shape[2], jnp)
+        squares = (residual**2).sum(axis=0)
+        return (-0.5 * residual.shape[0] * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(
+            axis=0
+        )
+
+    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Log density of every observation; see `Discrepancy.pointwise`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            −½ log(2πσ²) − r²/(2σ²).
+        """
+        from structid.device import jnp
+
+        variance = self._variances(unknown, channels, residual.shape[2], jnp)
+        return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
+
+    def draw(
+        self, rng: np.random.Generator, shape: tuple[int, int, int], unknown: Mapping[str, np.ndarray],
+        channels: tuple[str, ...],
+    ) -> np.ndarray:  # fmt: skip
+        """Draw white noise; see `Discrepancy.draw`.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        shape : tuple of int
+            (run, time, channel).
+        unknown : mapping of str to ndarray (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            ε in SI.
+        """
+        return rng.standard_normal(shape) * np.sqrt(
+            self._variances(unknown, channels, shape[0], np).T[:, None, :]
+        )
+
+    def describe(self) -> dict[str, Any]:
+        """Return the kind and what was given for the variance.
+
+        Returns
+        -------
+        dict
+            For hashes and reports.
+        """
+
+        def said(value: float | Marginal | None) -> Any:
+            return value.describe() if isinstance(value, Marginal) else value
+
+        variance = (
+            {c: said(v) for c, v in self.variance.items()}
+            if isinstance(self.variance, Mapping)
+            else said(self.variance)
+        )
+        return {"kind": "iid", "variance": variance, "per_channel": self.per_channel}

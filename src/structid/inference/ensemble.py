@@ -1,0 +1,336 @@
+"""AIES: the affine-invariant ensemble sampler, several independent ensembles in one batch.
+
+J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
+doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.errors import ConvergenceError, InputError
+from structid.inference.target import Target
+
+BLOCK_STEPS = 50
+"""Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
+SETTLING_GAP = 30.0
+"""Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
+START_TRIES = 50
+"""Rounds of drawing starting points of finite density."""
+_PURPOSE = {"start": 1, "moves": 2, "settling": 3}
+
+
+@dataclass(frozen=True)
+class AIES:
+    """Settings of the affine-invariant ensemble sampler.
+
+    Parameters
+    ----------
+    walkers : int
+        Walkers in an ensemble, even and at least twice the number of parameters.
+    steps : int
+        Steps of every walker.
+    ensembles : int
+        Independent ensembles; R-hat compares them.
+    stretch : float
+        a of the stretch move: Z ~ 1/√z on [1/a, a].
+    differential_evolution : float
+        Fraction of the steps that use a differential-evolution move in the place of the stretch.
+    discard : float
+        Fraction of the steps dropped at the start.
+    start_candidates : int
+        Points drawn from the prior for every walker; a walker starts at one of them, chosen with a probability that grows
+        with its density rank. 1 starts from plain prior draws.
+    settling_steps : int
+        During this many first steps, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
+        their ensemble's median are put where a random healthy walker of that ensemble is. It frees walkers caught in a
+        false mode; it is no Markov move, so these steps must lie within the discarded part.
+    """
+
+    walkers: int = 100
+    steps: int = 700
+    ensembles: int = 4
+    stretch: float = 2.0
+    differential_evolution: float = 0.0
+    discard: float = 0.5
+    start_candidates: int = 1
+    settling_steps: int = 0
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("walkers", 4),
+            ("steps", 2),
+            ("ensembles", 1),
+            ("start_candidates", 1),
+            ("settling_steps", 0),
+        ):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"AIES.{name}", f"{value!r}", f"a whole number, {least} or more")
+        if self.walkers % 2:
+            raise InputError(
+                "AIES.walkers", f"{self.walkers}", "an even number: the ensemble moves in two halves"
+            )
+        if not self.stretch > 1.0:
+            raise InputError("AIES.stretch", f"{self.stretch}", "a number above 1")
+        for name in ("differential_evolution", "discard"):
+            if not 0.0 <= getattr(self, name) < 1.0 + (name == "differential_evolution"):
+                raise InputError(f"AIES.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
+        if self.settling_steps > int(self.discard * self.steps):
+            raise InputError("AIES.settling_steps", f"{self.settling_steps}", f"at most the {int(self.discard * self.steps)} steps that are discarded",
+                             "Settling is no Markov move: its steps must not be kept.")  # fmt: skip
+
+    def describe(self) -> dict[str, float]:
+        """Settings that decide the draws: all but the number of steps and what is dropped.
+
+        Returns
+        -------
+        dict
+            For hashes; more steps continue the same chain.
+        """
+        return {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
+
+
+class EnsembleState(NamedTuple):
+    """Where every walker is. With the seed and the block's number it decides all that follows.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, walker, parameter)
+        Unconstrained coordinates.
+    log_density : ndarray, shape (ensemble, walker)
+        Their log density.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+
+
+Block = dict[str, np.ndarray]
+
+
+def stretch_proposal(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, a: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stretch move.
+
+    x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with
+    min{1, Z^(d−1) π(x*)/π(x_i)}. (The source prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
+    belongs to.)
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+    a : float
+        Stretch parameter.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and the log of the factor Z^(d−1) (ensemble, walker).
+    """
+    ensembles, walkers, dimension = moving.shape
+    # Inverse of the cdf of g: √z is uniform between 1/√a and √a.
+    z = ((a - 1.0) * rng.random((ensembles, walkers)) + 1.0) ** 2 / a
+    partner = rng.integers(resting.shape[1], size=(ensembles, walkers))
+    anchor = np.take_along_axis(resting, partner[:, :, None], axis=1)
+    return anchor + z[:, :, None] * (moving - anchor), (dimension - 1.0) * np.log(z)
+
+
+def differential_proposal(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Differential-evolution move.
+
+    x* = x_i + γ (x_j − x_k) with two different walkers of the resting half and γ = 2.38/√(2d), in a tenth of the moves γ = 1
+    (which jumps between modes), each γ spread by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and zeros (ensemble, walker).
+    """
+    ensembles, walkers, dimension = moving.shape
+    count = resting.shape[1]
+    first = rng.integers(count, size=(ensembles, walkers))
+    second = (first + rng.integers(1, count, size=(ensembles, walkers))) % count
+    difference = np.take_along_axis(resting, first[:, :, None], 1) - np.take_along_axis(
+        resting, second[:, :, None], 1
+    )
+    gamma = np.where(rng.random((ensembles, walkers)) < 0.1, 1.0, 2.38 / np.sqrt(2.0 * dimension))
+    gamma = gamma * (1.0 + 0.05 * rng.standard_normal((ensembles, walkers)))
+    return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
+
+
+def start(target: Target, settings: AIES, seed: int) -> tuple[EnsembleState, int]:
+    """Choose starting points of finite density.
+
+    Parameters
+    ----------
+    target : Target
+        What to sample.
+    settings : AIES
+        Walkers, ensembles, candidates.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    tuple of EnsembleState and int
+        The state, and the number of failed simulations.
+
+    Raises
+    ------
+    ConvergenceError
+        If the density is finite almost nowhere the target suggests.
+    """
+    if settings.walkers < 2 * target.dimension:
+        raise InputError("AIES.walkers", f"{settings.walkers} for {target.dimension} parameters", f"{2 * target.dimension} or more: an ensemble must span the space")  # fmt: skip
+    rng = _stream(seed, "start", 0)
+    total = settings.ensembles * settings.walkers
+    wanted = total * settings.start_candidates
+    phi, density = np.empty((0, target.dimension)), np.empty(0)
+    failed_simulations = 0
+    for _ in range(START_TRIES):
+        fresh = target.initial(wanted, rng)
+        value, failed = target.evaluate(fresh)
+        failed_simulations += int(failed.sum())
+        good = np.isfinite(value)
+        phi, density = np.concatenate([phi, fresh[good]]), np.concatenate([density, value[good]])
+        if len(phi) >= wanted:
+            break
+    else:
+        raise ConvergenceError(
+            f"Only {len(phi)} of {START_TRIES * wanted} starting points have a finite log density ({failed_simulations} simulations "
+            "failed). Check the priors: most of what they allow cannot be simulated or has no likelihood."
+        )
+    phi, density = phi[:wanted], density[:wanted]
+    if settings.start_candidates > 1:
+        # Each ensemble draws its own walkers from its own candidates; Gumbel noise on the ranks keeps them dispersed.
+        groups = density.reshape(settings.ensembles, -1)
+        rank = np.argsort(np.argsort(groups, axis=1), axis=1)
+        score = rank / settings.walkers + rng.gumbel(size=rank.shape)
+        chosen = np.argsort(-score, axis=1)[:, : settings.walkers]
+        chosen = (chosen + np.arange(settings.ensembles)[:, None] * groups.shape[1]).ravel()
+        phi, density = phi[chosen], density[chosen]
+    shape = (settings.ensembles, settings.walkers)
+    return EnsembleState(phi.reshape(*shape, -1), density.reshape(shape)), failed_simulations
+
+
+def run_block(
+    target: Target, settings: AIES, state: EnsembleState, seed: int, index: int, steps: int
+) -> tuple[EnsembleState, Block]:
+    """Move every walker a number of times.
+
+    Parameters
+    ----------
+    target : Target
+        What to sample.
+    settings : AIES
+        The moves.
+    state : EnsembleState
+        Where the walkers are.
+    seed, index : int
+        Seed, and number of the block: together they give its random stream.
+    steps : int
+        How many times every walker moves.
+
+    Returns
+    -------
+    tuple of EnsembleState and dict
+        The state after, and ``phi`` (step, ensemble, walker, parameter), ``log_density``, ``accepted`` (step, ensemble, walker)
+        and ``failed`` simulations (step,).
+    """
+    rng = _stream(seed, "moves", index)
+    phi, density = state.phi.copy(), state.log_density.copy()
+    ensembles, walkers, dimension = phi.shape
+    block: Block = {
+        "phi": np.empty((steps, ensembles, walkers, dimension)),
+        "log_density": np.empty((steps, ensembles, walkers)),
+        "accepted": np.empty((steps, ensembles, walkers), dtype=bool),
+        "failed": np.zeros(steps, dtype=np.int64),
+    }
+    half = walkers // 2
+    for step in range(steps):
+        for moving, resting in ((slice(0, half), slice(half, None)), (slice(half, None), slice(0, half))):
+            accepted, failed = _move(rng, target, settings, phi, density, moving, resting)
+            block["accepted"][step, :, moving] = accepted
+            block["failed"][step] += failed
+        block["phi"][step], block["log_density"][step] = phi, density
+    return EnsembleState(phi, density), block
+
+
+def _move(
+    rng: np.random.Generator, target: Target, settings: AIES, phi: np.ndarray, density: np.ndarray,
+    moving: slice, resting: slice,
+) -> tuple[np.ndarray, int]:  # fmt: skip
+    """Move one half of every ensemble, in place: one batched call of the target."""
+    if rng.random() < settings.differential_evolution:
+        proposal, log_factor = differential_proposal(rng, phi[:, moving], phi[:, resting])
+    else:
+        proposal, log_factor = stretch_proposal(rng, phi[:, moving], phi[:, resting], settings.stretch)
+    value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
+    value = value.reshape(log_factor.shape)
+    accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density[:, moving]
+    phi[:, moving][accepted] = proposal[accepted]
+    density[:, moving][accepted] = value[accepted]
+    return accepted, int(failed.sum())
+
+
+def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
+    """Put walkers caught in a false mode where healthy ones of their ensemble are.
+
+    Parameters
+    ----------
+    state : EnsembleState
+        After a block.
+    seed, index : int
+        Seed, and number of the block.
+
+    Returns
+    -------
+    EnsembleState
+        Every walker within `SETTLING_GAP` nats of its ensemble's median.
+    """
+    rng = _stream(seed, "settling", index)
+    phi, density = state.phi.copy(), state.log_density.copy()
+    for ensemble in range(len(phi)):
+        lost = density[ensemble] < np.median(density[ensemble]) - SETTLING_GAP
+        hosts = rng.choice(np.flatnonzero(~lost), size=int(lost.sum()))
+        phi[ensemble, lost], density[ensemble, lost] = phi[ensemble, hosts], density[ensemble, hosts]
+    return EnsembleState(phi, density)
+
+
+def block_lengths(steps: int) -> Iterator[int]:
+    """Lengths of the blocks a run is made of.
+
+    Parameters
+    ----------
+    steps : int
+        Steps in all.
+
+    Yields
+    ------
+    int
+        Whole blocks, then what is left.
+    """
+    for begin in range(0, steps, BLOCK_STEPS):
+        yield min(BLOCK_STEPS, steps - begin)
+
+
+def _stream(seed: int, purpose: str, index: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence([seed, _PURPOSE[purpose], index]))

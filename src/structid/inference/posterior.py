@@ -1,0 +1,674 @@
+"""The posterior of a model's parameters given measured histories."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.readers import read_columns
+from structid.histories import check_channels
+from structid.inference.discrepancy import IID, Discrepancy
+from structid.inference.target import Target
+from structid.journal import digest
+from structid.models.base import LARGEST_BATCH, JaxModel, Model, Progress
+from structid.probability.marginals import Marginal
+from structid.probability.space import Design, ParameterSpace
+
+NUISANCES = ("gain", "offset", "time_shift")
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A measured response: what drove the structure, and what was recorded.
+
+    The measurement is taken to be gain · M(θ)(t − time_shift) + offset + ε. Each nuisance is left out (1, 0, 0) unless it is given
+    a prior.
+
+    Parameters
+    ----------
+    record : Excitation
+        What drove it.
+    values : array-like, shape (time,) or (time, channel)
+        The measurement in SI, at the record's samples.
+    channels : sequence of str
+        What was measured.
+    dt : float, optional
+        Its time step [s], to be checked against the record's.
+    name : str
+        What to call it.
+    gain, offset, time_shift : Marginal, optional
+        Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
+
+    Raises
+    ------
+    InputError
+        If length or step differ from the record's, or a value is not finite.
+    """
+
+    record: Excitation
+    values: np.ndarray
+    channels: tuple[str, ...] = ("velocity",)
+    dt: float | None = None
+    name: str = ""
+    gain: Marginal | None = None
+    offset: Marginal | None = None
+    time_shift: Marginal | None = None
+
+    def __post_init__(self) -> None:
+        where = f"observation '{self.name}'" if self.name else "observation"
+        if not isinstance(self.record, Excitation):
+            raise InputError(
+                f"{where}: record",
+                f"{type(self.record).__name__}",
+                "a GroundMotion, ForceHistory or DisplacementHistory",
+            )
+        channels = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
+        values = np.array(self.values, dtype=np.float64)
+        values = values[:, None] if values.ndim == 1 else values
+        if values.ndim != 2 or values.shape[1] != len(channels):
+            raise InputError(
+                where,
+                f"an array of shape {np.shape(self.values)}",
+                f"(time, {len(channels)}) for the channels {', '.join(channels)}",
+            )
+        if len(values) != len(self.record):
+            raise InputError(where, f"{len(values)} samples, and the record has {len(self.record)}", "as many samples as the record",
+                             "Trim or resample the one to the other.")  # fmt: skip
+        if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > 1e-6:
+            raise InputError(where, f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s", "the record's time step",
+                             "Resample the one to the other.")  # fmt: skip
+        if not np.isfinite(values).all():
+            raise InputError(
+                where,
+                f"{np.count_nonzero(~np.isfinite(values))} values that are not finite",
+                "finite numbers",
+            )
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "channels", channels)
+
+    @classmethod
+    def read(
+        cls, record: Excitation, path: str | os.PathLike[str], unit: str, channel: str = "velocity",
+        column: int | None = None, dt: float | None = None, **nuisances: Marginal,
+    ) -> Observation:  # fmt: skip
+        """Read a measured history from text columns.
+
+        Parameters
+        ----------
+        record : Excitation
+            What drove the structure.
+        path : path-like
+            Text or CSV with a time and a value column, or values alone with `dt`.
+        unit : str
+            Unit of the values.
+        channel : str
+            What was measured.
+        column : int, optional
+            Column of the values, counted from 0.
+        dt : float, optional
+            Time step [s] of a file without times.
+        **nuisances : Marginal
+            Priors of gain, offset, time_shift.
+
+        Returns
+        -------
+        Observation
+            The measurement.
+        """
+        values, step = read_columns(path, unit, dt, column)
+        return cls(record, values, (channel,), step, str(path), **nuisances)
+
+    def nuisances(self) -> dict[str, Marginal]:
+        """Unknown nuisances and their priors.
+
+        Returns
+        -------
+        dict of str to Marginal
+            ``gain`` and ``offset`` once a channel, ``time_shift`` once.
+        """
+        priors: dict[str, Marginal] = {}
+        for kind in ("gain", "offset"):
+            prior = getattr(self, kind)
+            if prior is not None:
+                priors.update({self._name(kind, c): prior for c in self.channels})
+        if self.time_shift is not None:
+            priors["time_shift"] = self.time_shift
+        return priors
+
+    def _name(self, kind: str, channel: str) -> str:
+        return kind if len(self.channels) == 1 else f"{kind}_{channel}"
+
+    def transmit(self, response: Any, unknown: Mapping[str, Any]) -> Any:
+        """Turn a model's response into what the instrument would show, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, channel, run)
+            The model's response.
+        unknown : mapping of str to jax.Array (run,)
+            The nuisances.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            gain · M(t − time_shift) + offset.
+        """
+        from structid.device import jnp
+
+        if self.time_shift is not None:
+            response = _shifted(response, unknown["time_shift"] / self.record.dt)
+        if self.gain is not None:
+            response = response * jnp.stack([unknown[self._name("gain", c)] for c in self.channels])
+        if self.offset is not None:
+            response = response + jnp.stack([unknown[self._name("offset", c)] for c in self.channels])
+        return response
+
+    def describe(self) -> dict[str, Any]:
+        """Return everything a posterior depends on, for hashes.
+
+        Returns
+        -------
+        dict
+            Hashes of record and values, channels and nuisances.
+        """
+        return {
+            "record": self.record.content_hash, "values": digest(self.values), "channels": list(self.channels),
+            "nuisances": {k: v.describe() for k, v in self.nuisances().items()},
+        }  # fmt: skip
+
+
+def _shifted(response: Any, samples: Any) -> Any:
+    """M(t − τ) by cubic (Catmull-Rom) interpolation; the ends are held."""
+    from structid.device import jnp
+
+    last = response.shape[0] - 1
+    position = jnp.arange(response.shape[0])[:, None] - samples[None, :]
+    base = jnp.floor(position)
+    f = (position - base)[:, None, :]
+
+    def at(offset: int) -> Any:
+        rows = jnp.clip(base.astype(int) + offset, 0, last)
+        return jnp.take_along_axis(response, rows[:, None, :], axis=0)
+
+    p0, p1, p2, p3 = at(-1), at(0), at(1), at(2)
+    return p1 + 0.5 * f * (p2 - p0 + f * (2 * p0 - 5 * p1 + 4 * p2 - p3 + f * (3 * (p1 - p2) + p3 - p0)))
+
+
+class Posterior(Target):
+    """π(θ | y) ∝ π(θ) L(y | θ) for one or several measured histories that share the model's parameters.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The model's unknown parameters and their priors.
+    model : Model
+        Any model: built in, external, or a surrogate.
+    observations : Observation or sequence of Observation
+        The measurements; each has its own discrepancy and nuisances, numbered ``_1``, ``_2``, … when there are several.
+    discrepancy : Discrepancy
+        The law of the difference between model and measurement.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The model's parameters, then the nuisances, then the discrepancy's parameters.
+    """
+
+    def __init__(
+        self,
+        space: ParameterSpace,
+        model: Model,
+        observations: Observation | Sequence[Observation],
+        discrepancy: Discrepancy | None = None,
+    ) -> None:
+        self.model_space, self.model = space, model
+        self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
+        self.discrepancy = IID() if discrepancy is None else discrepancy
+        if not self.observations:
+            raise InputError("Posterior.observations", "none", "one Observation or more")
+        model.check_names(space.names, space.all_names)
+        for observation in self.observations:
+            check_channels("observation.channels", observation.channels, model.channels)
+        extra = {}
+        for index, observation in enumerate(self.observations):
+            own = observation.nuisances() | self.discrepancy.parameters(
+                observation.values, observation.channels
+            )
+            extra.update({self._label(name, index): prior for name, prior in own.items()})
+        self.space = space.extended(**extra)
+        self.names = self.space.names
+        self.bijection = self.space.bijection
+
+    def _label(self, name: str, index: int) -> str:
+        return name if len(self.observations) == 1 else f"{name}_{index + 1}"
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Display unit of every parameter."""
+        return self.space.units
+
+    @property
+    def factors(self) -> np.ndarray:
+        """SI value of one display unit, shape (parameter,)."""
+        return self.space.factors
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Hash of prior, model, measurements and discrepancy."""
+        described = [o.describe() for o in self.observations]
+        return digest(
+            self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe()
+        )
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw starting points from the prior; see `Target.initial`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        return self.bijection.inverse(self.space.from_uniform(rng.random((count, self.dimension))))
+
+    # --- pieces of the density, inside JAX ----------------------------------------------------------------------
+
+    def unknowns(self, theta: Any, index: int) -> dict[str, Any]:
+        """Nuisances and discrepancy parameters of one observation, by their plain names.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        dict of str to array (run,)
+            The values.
+        """
+        observation = self.observations[index]
+        own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
+        return {name: theta[:, self.names.index(self._label(name, index))] for name in own}
+
+    def model_parameters(self, theta: Any) -> Any:
+        """Columns of the model's free parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        array, shape (run, free parameter)
+            In the model's order.
+        """
+        return self.space.columns(theta, self.model.free)
+
+    def instrument(self, response: Any, theta: Any, index: int) -> Any:
+        """Turn a model's response into what the instruments of one observation would show, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run)
+            The model's response.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            The measured channels, nuisances applied.
+        """
+        observation = self.observations[index]
+        if self.model.channels != observation.channels:
+            response = response[:, np.array([self.model.channels.index(c) for c in observation.channels])]
+        return observation.transmit(response, self.unknowns(theta, index))
+
+    def _likelihood_given(self, response: Any, theta: Any, values: Any, index: int) -> Any:
+        residual = values[:, :, None] - self.instrument(response, theta, index)
+        channels = self.observations[index].channels
+        return self.discrepancy.log_likelihood(residual, self.unknowns(theta, index), channels)
+
+    def _log_likelihood(self, theta: Any, data: Any) -> tuple[Any, Any]:
+        """Log-likelihood and success of every run; `data` holds stages and values of each observation."""
+        from structid.device import jnp
+
+        assert isinstance(self.model, JaxModel)
+        total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
+        parameters = self.model_parameters(theta)
+        for index, (stages, values) in enumerate(data):
+            response, good = self.model.response(parameters, self.observations[index].record, stages)
+            total = total + self._likelihood_given(response, theta, values, index)
+            finite = finite & good
+        finite = finite & jnp.isfinite(total)
+        return total, finite
+
+    def _log_density(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
+        from structid.device import jnp
+
+        likelihood, finite = self._log_likelihood(theta, data)
+        prior = self.space.jax_log_density(theta)
+        inside = jnp.isfinite(prior)
+        density = jnp.where(finite & inside, prior + likelihood, -jnp.inf)
+        return density, jnp.where(finite & inside, likelihood, -jnp.inf), inside & ~finite
+
+    @cached_property
+    def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        assert isinstance(self.model, JaxModel)
+        return [(o.record.stage_values(self.model.substeps), o.values) for o in self.observations]
+
+    def _in_coordinates(self, phi: Any, data: Any) -> tuple[Any, Any]:
+        theta, jacobian = self.bijection.forward(phi)
+        density, _, failed = self._log_density(theta, data)
+        return density + jacobian, failed
+
+    @cached_property
+    def _compiled(self) -> dict[str, Callable[..., Any]]:
+        from structid.device import over_runs
+
+        return {"density": over_runs(self._log_density), "coordinates": over_runs(self._in_coordinates)}
+
+    # --- densities on the host ----------------------------------------------------------------------------------
+
+    def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Log density, log-likelihood and failure of every run."""
+        theta = self._points(theta)
+        if isinstance(self.model, JaxModel):
+            parts = [self._compiled["density"](theta[rows], self._data) for rows in _batches(len(theta))]
+            density, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
+            return density, likelihood, failed
+        prior = self.space.log_density(theta)
+        likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
+        rows = np.flatnonzero(np.isfinite(prior))
+        if rows.size:
+            likelihood[rows], failed[rows] = self._host_log_likelihood(theta[rows])
+        return prior + likelihood, likelihood, failed
+
+    def _host_log_likelihood(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        total, failed = np.zeros(len(theta)), np.zeros(len(theta), dtype=bool)
+        parameters = np.asarray(self.model_parameters(theta))
+        for index, observation in enumerate(self.observations):
+            run = self.model.simulate(parameters, observation.record)
+            failed |= ~run.done
+            response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
+            total += np.asarray(self._likelihood_given(response, theta, observation.values, index))
+        return np.where(failed, -np.inf, total), failed
+
+    def _points(self, theta: np.ndarray) -> np.ndarray:
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if theta.shape[1] != self.dimension:
+            raise InputError(
+                "theta",
+                f"an array of shape {theta.shape}",
+                f"(run, {self.dimension}) with the columns {', '.join(self.names)}",
+            )
+        return theta
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Unnormalised log posterior density; see `Target.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where the simulation failed.
+        """
+        return self._evaluate(theta)[0]
+
+    def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
+        """Log-likelihood.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where the simulation failed.
+        """
+        return self._evaluate(theta)[1]
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density in unconstrained coordinates; see `Target.evaluate`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log density with respect to φ, and where a simulation failed.
+        """
+        if isinstance(self.model, JaxModel):
+            return self._compiled["coordinates"](phi, self._data)
+        theta, jacobian = self.bijection(phi)
+        density, _, failed = self._evaluate(theta)
+        return density + jacobian, failed
+
+    def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
+        """Prediction of one observation, instrument included, without discrepancy.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        index : int
+            Which observation.
+        progress : callable, optional
+            Told how many runs are done.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN where a run failed.
+        """
+        theta = self._points(theta)
+        observation = self.observations[index]
+        run = self.model.simulate(
+            np.asarray(self.model_parameters(theta)), observation.record, progress=progress
+        )
+        return np.asarray(self.instrument(run.values.transpose(1, 2, 0), theta, index)).transpose(2, 0, 1)
+
+    def pointwise_log_likelihood(self, theta: np.ndarray, index: int = 0) -> np.ndarray:
+        """Log-likelihood of every observation.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            Log densities.
+        """
+        theta = self._points(theta)
+        observation = self.observations[index]
+        residual = (observation.values - self.predict(theta, index)).transpose(1, 2, 0)
+        pointwise = self.discrepancy.pointwise(residual, self.unknowns(theta, index), observation.channels)
+        return np.asarray(pointwise).transpose(2, 0, 1)
+
+    # --- deterministic misfit -----------------------------------------------------------------------------------
+
+    @cached_property
+    def misfit(self) -> Any:
+        """The sum of squared residuals J(θ) [3.22] of the model's parameters; see `Misfit`."""
+        return Misfit(self)
+
+    def design(self, theta: np.ndarray) -> Design:
+        """Give rows of parameters their names.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+
+        Returns
+        -------
+        Design
+            The same, with the posterior's space.
+        """
+        return Design(self._points(theta), self.space)
+
+
+class Misfit:
+    """J(θ) = Σ (y − M(θ))² [3.22] over the model's own parameters, nuisances at their prior medians.
+
+    Channels of different units are each divided by Σ y² so that they may be added; with a single channel nothing is divided.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Where model, measurements and space come from.
+    """
+
+    def __init__(self, posterior: Posterior) -> None:
+        self.space = posterior.model_space
+        self.names = self.space.names
+        self._posterior = posterior
+        extra = list(posterior.space.marginals.values())[self.space.dimension :]
+        self._rest = np.array([float(m.quantile(np.array(0.5))) for m in extra])
+
+    @cached_property
+    def scale(self) -> float:
+        """Σ y² over every measurement, in the units of J."""
+        return float(
+            sum(
+                (o.values**2 * w).sum()
+                for o, w in zip(self._posterior.observations, self._weights, strict=True)
+            )
+        )
+
+    @cached_property
+    def _weights(self) -> list[np.ndarray]:
+        observations = self._posterior.observations
+        if all(len(o.channels) == 1 for o in observations) and len({o.channels for o in observations}) == 1:
+            return [np.ones(1) for _ in observations]
+        return [1.0 / (o.values**2).sum(axis=0) for o in observations]
+
+    def _residuals(self, theta: Any, data: Any) -> Any:
+        """All weighted residuals of every run, (residual, run)."""
+        from structid.device import jnp
+
+        p = self._posterior
+        assert isinstance(p.model, JaxModel)
+        full = jnp.concatenate(
+            [theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1
+        )
+        parts = []
+        for index, (stages, values) in enumerate(data):
+            response, _ = p.model.response(p.model_parameters(full), p.observations[index].record, stages)
+            residual = (values[:, :, None] - p.instrument(response, full, index)) * np.sqrt(
+                self._weights[index]
+            )[:, None]
+            parts.append(residual.reshape(-1, theta.shape[0]))
+        return jnp.concatenate(parts)
+
+    @cached_property
+    def _compiled(self) -> dict[str, Callable[..., Any]]:
+        import jax
+
+        from structid.device import jnp, over_runs
+
+        def value(theta: Any, data: Any) -> Any:
+            return (self._residuals(theta, data) ** 2).sum(axis=0)
+
+        def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
+            # Forward mode: few parameters, long histories. One tangent a parameter, all runs at once.
+            def pushed(direction: Any) -> Any:
+                tangent = jnp.broadcast_to(direction, theta.shape)
+                return jax.jvp(lambda t: self._residuals(t, data), (theta,), (tangent,))
+
+            residual, jacobian = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(theta.shape[1]))
+            gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
+            return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
+
+        return {"value": over_runs(value), "linearised": over_runs(linearised)}
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        """Misfit.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The model's parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            J; +inf where the simulation failed.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        p = self._posterior
+        if isinstance(p.model, JaxModel):
+            value = np.concatenate(
+                [self._compiled["value"](theta[rows], p._data) for rows in _batches(len(theta))]
+            )
+        else:
+            full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
+            value = sum(
+                (((o.values - p.predict(full, i)) ** 2) * self._weights[i]).sum(axis=(1, 2)) for i, o in enumerate(p.observations)
+            )  # fmt: skip
+        return np.where(np.isfinite(value), value, np.inf)
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Misfit, its exact gradient, and the Gauss-Newton approximation of its Hessian.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The model's parameters in SI.
+
+        Returns
+        -------
+        tuple of ndarray
+            J (run,), ∇J (run, parameter), 2 JᵀJ (run, parameter, parameter).
+
+        Raises
+        ------
+        InputError
+            If the model is not one of structid's own and has no derivatives.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if not isinstance(self._posterior.model, JaxModel):
+            raise InputError("misfit gradient", f"a {type(self._posterior.model).__name__}, which has no derivatives",
+                             "a built-in model or a surrogate", "Use pattern search, which needs none.")  # fmt: skip
+        parts = [
+            self._compiled["linearised"](theta[rows], self._posterior._data)
+            for rows in _batches(len(theta), 64)
+        ]
+        value, gradient, hessian = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return value, gradient, hessian
+
+
+def _batches(count: int, size: int = LARGEST_BATCH) -> list[slice]:
+    return [slice(start, min(start + size, count)) for start in range(0, count, size)]

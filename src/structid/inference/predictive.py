@@ -1,0 +1,239 @@
+"""Prior and posterior prediction, with and without discrepancy, on the measured record or another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.inference.posterior import Posterior
+from structid.models.base import Progress
+
+_STREAM = {"posterior": 11, "prior": 12, "other record": 13}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Draws of a predicted response.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    channels : tuple of str
+        What is predicted.
+    response : ndarray, shape (draw, time, channel)
+        The model's response in SI, without discrepancy.
+    observable : ndarray, shape (draw, time, channel)
+        With discrepancy: what an instrument would record. Equal to `response` for channels that were not measured, whose
+        discrepancy is unknown.
+    failed : int
+        Draws whose simulation failed; they are left out.
+    excitation : str
+        Name of the record.
+    """
+
+    time: np.ndarray
+    channels: tuple[str, ...]
+    response: np.ndarray = field(repr=False)
+    observable: np.ndarray = field(repr=False)
+    failed: int
+    excitation: str
+
+    def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Pointwise central interval.
+
+        Parameters
+        ----------
+        probability : float
+            Its probability.
+        discrepancy : bool
+            Of the observable instead of the model's response.
+
+        Returns
+        -------
+        tuple of ndarray, shape (time, channel)
+            Lower and upper edge in SI.
+        """
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(self.observable if discrepancy else self.response, [tail, 1.0 - tail], axis=0)
+        return low, high
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Largest absolute response of every draw in SI, shape (draw, channel)."""
+        return np.abs(self.response).max(axis=1)
+
+
+def predict(
+    posterior: Posterior,
+    theta: np.ndarray,
+    record: Excitation | None = None,
+    channels: tuple[str, ...] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Prediction:
+    """Predict the response of draws of the parameters.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (draw, parameter)
+        Draws in SI.
+    record : Excitation, optional
+        The record; the first measured one when left out. On another record the instrument's gain, offset and time shift are left
+        out of the prediction.
+    channels : tuple of str, optional
+        What to predict; what was measured when left out.
+    seed : int
+        Seed of the discrepancy.
+    progress : callable, optional
+        Told how many runs are done.
+
+    Returns
+    -------
+    Prediction
+        Draws whose simulation succeeded.
+    """
+    first = posterior.observations[0]
+    record = first.record if record is None else record
+    channels = first.channels if channels is None else tuple(channels)
+    model = _recording(posterior.model, channels)
+    run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress)
+    good = run.done
+    response = run.values[good][:, :, [run.channels.index(c) for c in channels]]
+    if record is first.record and channels == first.channels:
+        shown = first.transmit(response.transpose(1, 2, 0), posterior.unknowns(theta[good], 0))
+        response = np.asarray(shown).transpose(2, 0, 1)
+    rng = np.random.default_rng(
+        np.random.SeedSequence([seed, _STREAM["other record" if record is not first.record else "posterior"]])
+    )
+    observable = response.copy()
+    measured = [channels.index(c) for c in first.channels if c in channels]
+    if len(measured) == len(first.channels) and len(response):
+        shape = (len(response), response.shape[1], len(measured))
+        observable[:, :, measured] += posterior.discrepancy.draw(
+            rng, shape, posterior.unknowns(theta[good], 0), first.channels
+        )
+    return Prediction(run.time, channels, response, observable, int((~good).sum()), record.name)
+
+
+def _recording(model: Any, channels: tuple[str, ...]) -> Any:
+    if set(channels) <= set(model.channels):
+        return model
+    if not hasattr(model, "recording"):
+        raise InputError(
+            "channels",
+            f"{', '.join(channels)}",
+            f"what this {type(model).__name__} records: {', '.join(model.channels)}",
+        )
+    return model.recording(*channels)
+
+
+def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
+    """Fraction of the measurements' variance that a prediction leaves, Σ(y − M)² / Σ(y − ȳ)².
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (parameter,)
+        Parameters in SI.
+
+    Returns
+    -------
+    float
+        The largest over measurements and channels; 0 is perfect.
+    """
+    worst = 0.0
+    for index, observation in enumerate(posterior.observations):
+        residual = observation.values - posterior.predict(theta[None, :], index)[0]
+        about_mean = ((observation.values - observation.values.mean(axis=0)) ** 2).sum(axis=0)
+        worst = max(worst, float(((residual**2).sum(axis=0) / about_mean).max()))
+    return worst
+
+
+def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
+    """Groups of the ArviZ schema that need a measurement.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (draw, parameter)
+        Thinned posterior draws in SI.
+    seed : int
+        Seed of prior draws and discrepancy.
+    predictions : bool
+        Simulate the predictives and the pointwise log-likelihood.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    prior = posterior.space.sample(len(theta), seed).values
+    draws = {"chain": [0], "draw": np.arange(len(theta))}
+    groups: dict[str, Any] = {
+        "prior": xarray.Dataset(
+            {n: (("chain", "draw"), prior[None, :, i]) for i, n in enumerate(posterior.names)}, coords=draws
+        )
+    }
+    parts: dict[str, dict[str, Any]] = {}
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        dims = (f"time{suffix}", f"channel{suffix}")
+        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
+
+        def put(
+            group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]
+        ) -> None:
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
+
+        put("observed_data", f"y{suffix}", observation.values, dims, coords)
+        put(
+            "constant_data",
+            f"excitation{suffix}",
+            observation.record.values,
+            dims[:1],
+            {dims[0]: observation.record.time},
+        )
+        if predictions:
+            every = ("chain", "draw", *dims)
+            put(
+                "posterior_predictive",
+                f"y{suffix}",
+                _observable(posterior, theta, index, seed, "posterior")[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "prior_predictive",
+                f"y{suffix}",
+                _observable(posterior, prior, index, seed, "prior")[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "log_likelihood",
+                f"y{suffix}",
+                posterior.pointwise_log_likelihood(theta, index)[None],
+                every,
+                coords | draws,
+            )
+    return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
+
+
+def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: str) -> np.ndarray:
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index]))
+    response = posterior.predict(theta, index)
+    unknown = posterior.unknowns(theta, index)
+    return response + posterior.discrepancy.draw(
+        rng, response.shape, unknown, posterior.observations[index].channels
+    )

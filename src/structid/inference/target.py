@@ -1,0 +1,217 @@
+"""What a sampler samples: a log density over named parameters with a map to unconstrained coordinates."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError, check_choice
+from structid.journal import digest
+from structid.probability.bijections import Bijection
+from structid.probability.space import ParameterSpace
+
+
+class Target(ABC):
+    """A log density in unconstrained coordinates φ, with the parameters θ a user knows."""
+
+    names: tuple[str, ...]
+    bijection: Bijection
+
+    @property
+    def dimension(self) -> int:
+        """Number of parameters."""
+        return len(self.names)
+
+    @property
+    def factors(self) -> np.ndarray:
+        """SI value of one display unit, shape (parameter,)."""
+        return np.ones(self.dimension)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Display unit of every parameter."""
+        return dict.fromkeys(self.names, "")
+
+    @abstractmethod
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density in unconstrained coordinates.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log density with respect to φ, −inf where it cannot be had; and where a simulation failed.
+        """
+
+    @abstractmethod
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density with respect to the parameters.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where a simulation failed.
+        """
+
+    @abstractmethod
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw points to start from, in unconstrained coordinates.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            Over-dispersed starting points.
+        """
+
+    @property
+    @abstractmethod
+    def content_hash(self) -> str:
+        """Hash of everything the density depends on."""
+
+
+class LogDensity(Target):
+    """Anybody's log density as a target.
+
+    Parameters
+    ----------
+    function : callable
+        ``numpy``: maps ``theta[run, parameter]`` to ``log_density[run]``. ``jax``: a pure function of one point
+        ``theta[parameter]``, which is batched and compiled here.
+    names : sequence of str
+        Names of the parameters.
+    initial : ParameterSpace, ndarray (point, parameter), or callable
+        Where chains may start: a prior to draw from, points to choose from, or ``initial(count, rng)``.
+    bounds : mapping of str to pair of float, optional
+        Support of the bounded parameters: ``{"tau": (0.0, np.inf)}``.
+    backend : {"numpy", "jax"}
+        What `function` is written for.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[Any], Any],
+        names: Sequence[str],
+        initial: ParameterSpace | np.ndarray | Callable[[int, np.random.Generator], np.ndarray],
+        bounds: dict[str, tuple[float, float]] | None = None,
+        backend: str = "numpy",
+    ) -> None:
+        self.names = tuple(names)
+        self.backend = check_choice("LogDensity.backend", backend, ("numpy", "jax"))
+        box = np.tile([-np.inf, np.inf], (len(self.names), 1))
+        for name, pair in (bounds or {}).items():
+            box[self.names.index(check_choice("LogDensity.bounds", name, self.names))] = pair
+        self.bijection = Bijection(box)
+        self._function, self._initial = function, initial
+
+    @cached_property
+    def _compiled(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
+        import jax
+
+        from structid.device import over_runs
+
+        batched = jax.vmap(self._function)
+
+        def in_coordinates(phi: Any) -> Any:
+            theta, jacobian = self.bijection.forward(phi)
+            return batched(theta) + jacobian
+
+        return over_runs(batched), over_runs(in_coordinates)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density with respect to the parameters; see `Target.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            The log density.
+        """
+        value = self._function(theta) if self.backend == "numpy" else self._compiled[0](theta)
+        return np.asarray(value, dtype=np.float64)
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density in unconstrained coordinates; see `Target.evaluate`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log density, and where it was NaN.
+        """
+        if self.backend == "numpy":
+            theta, jacobian = self.bijection(phi)
+            value = self.log_density(theta)
+            if value.shape != (len(phi),):
+                raise InputError(
+                    "LogDensity.function",
+                    f"an array of shape {value.shape} for {len(phi)} points",
+                    f"shape ({len(phi)},)",
+                )
+            value = value + jacobian
+        else:
+            value = self._compiled[1](phi)
+        failed = np.isnan(value)
+        return np.where(failed, -np.inf, value), failed
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw starting points; see `Target.initial`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        if isinstance(self._initial, ParameterSpace):
+            theta = self._initial.columns(
+                self._initial.from_uniform(rng.random((count, self._initial.dimension))), self.names
+            )
+        elif callable(self._initial):
+            theta = self._initial(count, rng)
+        else:
+            theta = rng.permutation(np.asarray(self._initial, dtype=np.float64))[:count]
+        theta = np.asarray(theta, dtype=np.float64)
+        if theta.shape != (count, self.dimension):
+            raise InputError(
+                "LogDensity.initial", f"an array of shape {theta.shape}", f"({count}, {self.dimension})"
+            )
+        return self.bijection.inverse(theta)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of the names and bounds; the function itself cannot be hashed."""
+        return digest(self.names, self.bijection.bounds)

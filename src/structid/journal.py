@@ -1,0 +1,173 @@
+"""An append-only journal on disk that survives a kill at any moment: every entry carries its length and checksum."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError, StoreMismatchError
+
+_MAGIC = b"structid-journal-1\n"
+_FRAME = struct.Struct("<QI")  # payload length, CRC-32
+
+
+class Journal:
+    """A file of entries, each a dictionary of arrays, written so that a finished one is never lost.
+
+    An entry is on disk (``fsync``) before `append` returns. A last entry torn by a kill is recognised by its
+    length or checksum and cut off when the journal is opened again.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; it is made when it is not there.
+    identity : mapping
+        What the content depends on (hashes, seeds, settings). A file with another identity is refused.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.identity = dict(identity)
+        if self.path.exists() and self.path.stat().st_size > 0:
+            self._end = self._check()
+        else:
+            self._create()
+
+    def _create(self) -> None:
+        header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        # Write then rename: a journal either has its whole header or does not exist.
+        write_then_rename(self.path, header)
+        self._end = len(header)
+
+    def _check(self) -> int:
+        with self.path.open("rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise InputError(f"store {self.path}", "this file is not a structid journal", "a journal or no file",
+                                 "Name another store; this one is left as it is.")  # fmt: skip
+            header = _read_frame(file)
+            if header is None:
+                raise InputError(f"store {self.path}", "its header is damaged", "a whole journal",
+                                 "Move the file away and start again.")  # fmt: skip
+            compare_identity(self.path, json.loads(header), self.identity)
+            end = file.tell()
+            while _read_frame(file) is not None:
+                end = file.tell()
+        return end
+
+    def append(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Put one entry on disk; it is safe there when this returns.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The entry.
+        """
+        buffer = io.BytesIO()
+        np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
+        framed = _frame(buffer.getvalue())
+        with self.path.open("r+b") as file:
+            file.truncate(self._end)
+            file.seek(self._end)
+            file.write(framed)
+            file.flush()
+            os.fsync(file.fileno())
+        self._end += len(framed)
+
+    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
+        with self.path.open("rb") as file:
+            file.seek(len(_MAGIC))
+            _read_frame(file)
+            while file.tell() < self._end:
+                payload = _read_frame(file)
+                if payload is None:
+                    return
+                with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
+                    yield {name: entry[name] for name in entry.files}
+
+
+def write_then_rename(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Where it goes.
+    content : bytes
+        What it holds.
+    """
+    temporary = path.with_name(path.name + ".partial")
+    with temporary.open("wb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    """Refuse a store that was made by something else, and say what differs.
+
+    Parameters
+    ----------
+    path : Path
+        The store, for the message.
+    found, expected : mapping
+        The identity in the file and the one asked for.
+
+    Raises
+    ------
+    StoreMismatchError
+        If they differ.
+    """
+    expected = json.loads(json.dumps(dict(expected)))
+    differing = sorted(k for k in {*found, *expected} if found.get(k) != expected.get(k))
+    if differing:
+        what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
+        raise StoreMismatchError(
+            f"store {path}", f"it belongs to another study: {what}", "a store of this very study, or a new file",
+            "Name another store or folder, or move this one away; it has not been touched.",
+        )  # fmt: skip
+
+
+def digest(*parts: Any) -> str:
+    """Short content hash of arrays and of anything JSON can say.
+
+    Parameters
+    ----------
+    *parts : ndarray or JSON-able
+        What to hash, in order.
+
+    Returns
+    -------
+    str
+        Sixteen hexadecimal digits.
+    """
+    sha = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            sha.update(str((part.dtype.str, part.shape)).encode() + np.ascontiguousarray(part).tobytes())
+        else:
+            sha.update(json.dumps(part, sort_keys=True, default=repr).encode())
+    return sha.hexdigest()[:16]
+
+
+def _frame(payload: bytes) -> bytes:
+    return _FRAME.pack(len(payload), zlib.crc32(payload)) + payload
+
+
+def _read_frame(file: io.BufferedReader) -> bytes | None:
+    head = file.read(_FRAME.size)
+    if len(head) < _FRAME.size:
+        return None
+    length, checksum = _FRAME.unpack(head)
+    payload = file.read(length)
+    return payload if len(payload) == length and zlib.crc32(payload) == checksum else None

@@ -1,0 +1,1 @@
+"""Models: from parameters and an excitation to response histories."""

@@ -1,0 +1,217 @@
+"""What a model is: parameters and an excitation in, response histories out; the same face for every kind of model."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError, Status, suggestion
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.probability.space import Design
+
+Progress = Callable[[int, int], None]
+"""Told how many runs (or steps) are done, and of how many."""
+
+LARGEST_BATCH = 2000
+"""Runs compiled and kept in memory at once."""
+
+
+class Model(ABC):
+    """Maps parameters and an excitation to response histories.
+
+    Everything that has this face can be calibrated: the built-in oscillators, somebody's external solver, a surrogate.
+    A class that implements it is final; its settings are in its constructor and do not change.
+    """
+
+    free: tuple[str, ...]
+    channels: tuple[str, ...]
+
+    @abstractmethod
+    def simulate(
+        self, design: Design | np.ndarray, excitation: Excitation, *, progress: Progress | None = None
+    ) -> Histories:
+        """Run the model.
+
+        Parameters
+        ----------
+        design : Design or array-like, shape (run, parameter)
+            Parameters in SI; a bare array has its columns in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        progress : callable, optional
+            Told how many runs are done.
+
+        Returns
+        -------
+        Histories
+            ``values[run, time, channel]`` in SI, and the status of every run.
+        """
+
+    @property
+    @abstractmethod
+    def content_hash(self) -> str:
+        """Hash of everything a response depends on beside parameters and excitation."""
+
+    def parameters(self, design: Design | np.ndarray) -> np.ndarray:
+        """Check a design against the free parameters and bring its columns into their order.
+
+        Parameters
+        ----------
+        design : Design or array-like, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            Points in the order of `free`.
+
+        Raises
+        ------
+        InputError
+            If a free parameter has no column, or a column no parameter.
+        """
+        if isinstance(design, Design):
+            self.check_names(design.space.names, design.space.all_names)
+            return np.asarray(design.columns(self.free), dtype=np.float64)
+        theta = np.asarray(design, dtype=np.float64)
+        if theta.ndim != 2 or theta.shape[1] != len(self.free):
+            raise InputError("parameters", f"an array of shape {theta.shape}",
+                             f"(run, {len(self.free)}) with the columns {', '.join(self.free) or '(none: every parameter is fixed)'}")  # fmt: skip
+        return theta
+
+    def check_names(self, sampled: tuple[str, ...], all_names: tuple[str, ...]) -> None:
+        """Check that a space has every free parameter, and none that the model lacks.
+
+        Parameters
+        ----------
+        sampled, all_names : tuple of str
+            The names with a prior, and those together with the derived ones.
+
+        Raises
+        ------
+        InputError
+            If they do not match.
+        """
+        for name in self.free:
+            if name not in all_names:
+                raise InputError(f"{type(self).__name__}.free", f"'{name}' has no prior", ", ".join(all_names) or "nothing",
+                                 suggestion(name, all_names) or "Give it a prior, or a value in the model.")  # fmt: skip
+        if set(sampled) == set(all_names):
+            for name in sampled:
+                if name not in self.free:
+                    raise InputError("parameter space", f"'{name}' is no free parameter of this {type(self).__name__}",
+                                     ", ".join(self.free) or "none", suggestion(name, self.free) or "Remove it, or name it in free.")  # fmt: skip
+
+
+class JaxModel(Model):
+    """A model whose response is a pure JAX function of many runs.
+
+    Inside JAX histories are [time, channel, run], as the scan over time makes them and as vector units like them; `simulate`
+    turns them into [run, time, channel].
+    """
+
+    @abstractmethod
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX; `excitation` gives only its kind, step and length.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            Its type, dt and lead-in decide what is compiled.
+        stages : jax.Array, shape (time − 1, substeps, 3)
+            Its values, from `Excitation.stage_values`.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), and whether the state stayed finite to the end (run,).
+        """
+
+    substeps: int
+
+    def simulate(
+        self, design: Design | np.ndarray, excitation: Excitation, *, progress: Progress | None = None
+    ) -> Histories:
+        """Run the model, the batch spread over the machine's cores.
+
+        Parameters
+        ----------
+        design : Design or array-like, shape (run, parameter)
+            Parameters in SI; a bare array has its columns in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        progress : callable, optional
+            Told how many runs are done.
+
+        Returns
+        -------
+        Histories
+            ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
+            has its time of failure, and NaN from there on.
+        """
+        theta = self.parameters(design)
+        run = self._compiled(excitation)
+        stages = excitation.stage_values(self.substeps)
+        values = np.empty((len(theta), len(excitation), len(self.channels)))
+        finite = np.empty(len(theta), dtype=bool)
+        for start in range(0, len(theta), LARGEST_BATCH):
+            rows = slice(start, min(start + LARGEST_BATCH, len(theta)))
+            values[rows], finite[rows] = run(theta[rows], stages)
+            if progress is not None:
+                progress(rows.stop, len(theta))
+        return _with_status(values, finite, excitation, self.channels)
+
+    def _compiled(self, excitation: Excitation) -> Callable[..., Any]:
+        from structid.device import over_runs
+
+        cache: dict[Any, Any] = self.__dict__.setdefault("_compiled_responses", {})
+        key = response_key(excitation)
+        if key not in cache:
+
+            def by_run(theta: Any, stages: Any) -> tuple[Any, Any]:
+                values, finite = self.response(theta, excitation, stages)
+                return values.transpose(2, 0, 1), finite
+
+            cache[key] = over_runs(by_run)
+        return cache[key]
+
+
+def response_key(excitation: Excitation) -> tuple[Any, ...]:
+    """Return what a compiled response depends on: kind, step, length, lead-in; not the values.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        The excitation.
+
+    Returns
+    -------
+    tuple
+        A dictionary key.
+    """
+    return (
+        excitation.kind,
+        excitation.dt,
+        len(excitation),
+        excitation.interpolation,
+        excitation.lead_in_periods,
+    )
+
+
+def _with_status(
+    values: np.ndarray, finite: np.ndarray, excitation: Excitation, channels: tuple[str, ...]
+) -> Histories:
+    good = np.isfinite(values).all(axis=2)
+    failed = ~(finite & good.all(axis=1))
+    first_bad = np.where(good.all(axis=1), values.shape[1] - 1, np.argmin(good, axis=1))
+    for run in np.flatnonzero(failed):
+        values[run, first_bad[run] + int(good[run].all()) :] = np.nan
+    status = np.where(failed, Status.DIVERGED, Status.DONE)
+    time = np.where(failed, first_bad * excitation.dt, np.nan)
+    return Histories(values, excitation.dt, channels, status, time, excitation.name)

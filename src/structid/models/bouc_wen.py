@@ -1,0 +1,508 @@
+"""The single-degree-of-freedom Bouc-Wen-Baber-Noori oscillator."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.errors import InputError, suggestion
+from structid.ground_motion.excitation import Excitation
+from structid.histories import check_channels
+from structid.journal import digest
+from structid.models.base import JaxModel
+from structid.models.hysteresis import Law, degrades, hysteretic_rate
+from structid.units import factor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PARAMETER_UNITS = {
+    "mass": "kg", "stiffness": "N/m", "damping_ratio": "", "damping": "N*s/m", "alpha": "",
+    "beta": "1/m", "gamma": "1/m", "gamma_ratio": "", "exponent": "", "amplitude": "",
+    "delta_a": "kg/J", "delta_nu": "kg/J", "delta_eta": "kg/J",
+    "zeta0": "", "p": "kg/J", "q": "", "psi0": "m", "delta_psi": "m*kg/J", "lambda_": "",
+    "initial_displacement": "m", "initial_velocity": "m/s", "initial_hysteretic_displacement": "m",
+}  # fmt: skip
+"""SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
+
+CHANNELS = (
+    "displacement", "velocity", "relative_acceleration", "absolute_acceleration", "restoring_force",
+    "hysteretic_displacement", "hysteretic_energy", "elastic_energy", "absorbed_energy",
+)  # fmt: skip
+"""What may be recorded."""
+
+DEFAULT_SUBSTEPS = 3
+"""Steps per sample: the velocity error on the benchmark study is below 1e-4 of its norm (see docs/benchmarks.md)."""
+
+_REQUIRED = ("mass", "stiffness", "alpha", "beta")
+_EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
+
+
+@dataclass(frozen=True, eq=False)
+class BoucWen(JaxModel):
+    """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).
+
+    ::
+
+        u″ = −a_g − c/m v − α ω² u − (1−α) ω² z,       ω² = k_i/m,  c = 2 ζ ω m              [3.12]
+        z′ = h(z) {A v − ν [β |v| |z|^(n−1) z + γ v |z|ⁿ]} / η                               [3.4]
+        e_h′ = (1−α) ω² z v,     e_e′ = α ω² u v                                             [3.14, 3.15]
+        A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                               [3.5]
+
+    Restoring force m (α ω² u + (1−α) ω² z). The excitation's type selects the mode: `GroundMotion` (base excitation),
+    `ForceHistory`, or `DisplacementHistory` (the displacement is imposed and the restoring force returned, without the
+    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the source calls it dissipated, but part of
+    it is recoverable, and degradation driven by e_h can occur in elastic cycling. The law is
+    bounded-input-bounded-output stable for |γ| ≤ β, which is left to the study.
+
+    Every parameter is either given a number here or named in `free`.
+
+    Parameters
+    ----------
+    mass : float
+        m [kg].
+    stiffness : float
+        Initial stiffness k_i [N/m].
+    alpha : float
+        Final over initial stiffness.
+    beta : float
+        β [m⁻ⁿ].
+    gamma, gamma_ratio : float
+        γ [m⁻ⁿ], or γ/β: exactly one of the two.
+    damping_ratio, damping : float
+        ζ of the initial stiffness, or c [N s/m]; at most one, none by default.
+    exponent : float
+        n, 1 by default.
+    amplitude : float
+        A₀, 1 by default.
+    delta_a, delta_nu, delta_eta : float
+        Rates of degradation δ_A, δ_ν, δ_η [kg/J], 0 by default.
+    zeta0, p, q, psi0, delta_psi, lambda_ : float
+        Pinching ζ₀ < 1, p [kg/J], q, ψ₀ [m], δ_ψ [m kg/J], λ; none by default.
+    initial_displacement, initial_velocity, initial_hysteretic_displacement : float
+        State at the first sample [m, m/s, m], 0 by default.
+    free : sequence of str
+        Parameters that come with every run instead, in the order of its columns.
+    channels : sequence of str
+        What to record: see `CHANNELS`; energies are in J.
+    substeps : int
+        Runge-Kutta steps per sample.
+
+    Examples
+    --------
+    >>> model = BoucWen(mass=12_000.0, stiffness=7.6e6, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=1.0)
+    >>> print(model)
+    BoucWen: f 4.005 Hz, T 0.2497 s, ω_n 25.17 rad/s, ω_d 25.15 rad/s, c 1.812e+04 N s/m
+    """
+
+    mass: float | None = None
+    stiffness: float | None = None
+    alpha: float | None = None
+    beta: float | None = None
+    gamma: float | None = None
+    gamma_ratio: float | None = None
+    damping_ratio: float | None = None
+    damping: float | None = None
+    exponent: float = 1.0
+    amplitude: float = 1.0
+    delta_a: float = 0.0
+    delta_nu: float = 0.0
+    delta_eta: float = 0.0
+    zeta0: float = 0.0
+    p: float = 0.0
+    q: float = 0.0
+    psi0: float = 0.0
+    delta_psi: float = 0.0
+    lambda_: float = 0.0
+    initial_displacement: float = 0.0
+    initial_velocity: float = 0.0
+    initial_hysteretic_displacement: float = 0.0
+    free: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ("velocity",)
+    substeps: int = DEFAULT_SUBSTEPS
+
+    def __post_init__(self) -> None:
+        free = check_free(type(self).__name__, self.free, tuple(PARAMETER_UNITS))
+        object.__setattr__(self, "free", free)
+        object.__setattr__(
+            self, "channels", check_channels(f"{type(self).__name__}.channels", self.channels, CHANNELS)
+        )
+        if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
+            raise InputError("BoucWen.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
+        for name in PARAMETER_UNITS:
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _finite(f"BoucWen.{name}", value))
+        self._check_complete()
+        self._check_values()
+
+    def _given(self, name: str) -> bool:
+        return name in self.free or getattr(self, name) is not None
+
+    def _check_complete(self) -> None:
+        for name in _REQUIRED:
+            if not self._given(name):
+                raise InputError(f"BoucWen.{name}", "it has no value and is not free", f"a number in {PARAMETER_UNITS[name] or '-'}, or its name in free")  # fmt: skip
+        for first, second in _EITHER:
+            if self._given(first) and self._given(second):
+                raise InputError(
+                    f"BoucWen.{first}",
+                    f"both {first} and {second} are given",
+                    "one of the two",
+                    f"Remove {second}.",
+                )
+        if not (self._given("gamma") or self._given("gamma_ratio")):
+            raise InputError(
+                "BoucWen.gamma", "neither gamma nor gamma_ratio is given", "exactly one of the two"
+            )
+
+    def _check_values(self) -> None:
+        for name in ("mass", "stiffness", "exponent"):
+            value = getattr(self, name)
+            if value is not None and name not in self.free and value <= 0.0:
+                raise InputError(f"BoucWen.{name}", f"{value:g}", "a positive number")
+        if self.zeta0 >= 1.0:
+            raise InputError("BoucWen.zeta0", f"{self.zeta0:g}", "a number below 1",
+                             "At 1 the spring loses all stiffness in the pinched range; the source's 1 is read as 0.95.")  # fmt: skip
+        if (self.zeta0 != 0.0 or "zeta0" in self.free) and any(
+            getattr(self, name) <= 0.0 and name not in self.free for name in ("p", "psi0", "lambda_")
+        ):
+            raise InputError("BoucWen pinching", f"zeta0 with p = {self.p:g}, psi0 = {self.psi0:g}, lambda_ = {self.lambda_:g}",
+                             "positive p, psi0 and lambda_ wherever zeta0 is not 0")  # fmt: skip
+
+    # --- response -----------------------------------------------------------------------------------------------
+
+    def _values(self, theta: Any) -> dict[str, Any]:
+        """Every parameter by name: floats where fixed, arrays over runs where free."""
+        values = {name: getattr(self, name) for name in PARAMETER_UNITS}
+        values.update({name: theta[:, i] for i, name in enumerate(self.free)})
+        if values["gamma"] is None:
+            values["gamma"] = values["gamma_ratio"] * values["beta"]
+        return values
+
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX; see `JaxModel.response`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            Its type, dt and lead-in decide what is compiled.
+        stages : jax.Array, shape (time − 1, substeps, 3)
+            Its values.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), and whether the state stayed finite (run,).
+        """
+        from structid.device import jnp
+        from structid.models.integrate import integrate
+
+        values = self._values(theta)
+        equations = _Equations(values, self.channels, excitation.kind)
+        final, seen = integrate(
+            equations.rate, equations.inputs(excitation.dt / self.substeps), equations.observe,
+            equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])), stages, excitation.dt,
+        )  # fmt: skip
+        return seen[excitation.dropped_samples :], jnp.isfinite(sum(final.values()))
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of every setting."""
+        return digest("BoucWen", {f.name: getattr(self, f.name) for f in fields(self)})
+
+    # --- describing ---------------------------------------------------------------------------------------------
+
+    def properties(self) -> dict[str, float]:
+        """Frequency and damping of the initial stiffness.
+
+        Returns
+        -------
+        dict of str to float
+            ``f`` [Hz], ``T`` [s], ``omega_n``, ``omega_d`` [rad/s], ``c`` [N s/m].
+
+        Raises
+        ------
+        InputError
+            If mass, stiffness or damping is free.
+        """
+        loose = [n for n in ("mass", "stiffness", "damping_ratio", "damping") if n in self.free]
+        if loose:
+            raise InputError("BoucWen.properties", f"{', '.join(loose)} free", "a model whose mass, stiffness and damping are numbers",
+                             "Fix them with BoucWen.fixed(...).")  # fmt: skip
+        assert self.mass is not None and self.stiffness is not None
+        omega = float(np.sqrt(self.stiffness / self.mass))
+        zeta = self.damping_ratio or 0.0
+        if self.damping is not None:
+            zeta = self.damping / (2.0 * self.mass * omega)
+        return {
+            "f": omega / (2 * np.pi), "T": 2 * np.pi / omega, "omega_n": omega,
+            "omega_d": omega * float(np.sqrt(max(1.0 - zeta**2, 0.0))), "c": 2.0 * zeta * omega * self.mass,
+        }  # fmt: skip
+
+    def fixed(self, **values: float) -> BoucWen:
+        """Return this model with some of its free parameters fixed.
+
+        Parameters
+        ----------
+        **values : float
+            Their values in SI.
+
+        Returns
+        -------
+        BoucWen
+            The model with fewer free parameters.
+        """
+        for name in values:
+            if name not in self.free:
+                raise InputError(
+                    "BoucWen.fixed",
+                    f"'{name}'",
+                    ", ".join(self.free) or "nothing is free",
+                    suggestion(name, self.free),
+                )
+        return replace(self, free=tuple(n for n in self.free if n not in values), **values)
+
+    def recording(self, *channels: str) -> BoucWen:
+        """Return this model with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        BoucWen
+            The same model, recording them.
+        """
+        return replace(self, channels=channels)
+
+    def __str__(self) -> str:
+        free = f", free: {', '.join(self.free)}" if self.free else ""
+        if any(n in self.free for n in ("mass", "stiffness", "damping_ratio", "damping")):
+            return f"BoucWen: channels {', '.join(self.channels)}{free}"
+        v = self.properties()
+        return (
+            f"BoucWen: f {v['f']:.4g} Hz, T {v['T']:.4g} s, ω_n {v['omega_n']:.4g} rad/s, "
+            f"ω_d {v['omega_d']:.4g} rad/s, c {v['c']:.4g} N s/m{free}"
+        )
+
+    def plot_response(
+        self,
+        excitation: Excitation,
+        theta: np.ndarray | None = None,
+        save: str | os.PathLike[str] | None = None,
+    ) -> Figure:
+        """Draw displacement, velocity, restoring force and energy of one run.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+        theta : ndarray, shape (parameter,), optional
+            The free parameters in SI; left out when there are none.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Four panels.
+        """
+        from structid.figures import response as figure
+
+        wanted = ("displacement", "velocity", "restoring_force", "hysteretic_energy", "elastic_energy")
+        row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=np.float64)[None, :]
+        run = replace(self, channels=wanted).simulate(row, excitation)
+        units = ("mm", "mm/s", "kN", "J", "J")
+        columns = [run.channel(c)[0] / factor(u) for c, u in zip(wanted, units, strict=True)]
+        return figure.four_panels(run.time, *columns, title=excitation.name, save=save)
+
+
+class _Equations:
+    """The equations of motion for one set of parameters, with only the states that somebody needs."""
+
+    def __init__(self, values: dict[str, Any], channels: tuple[str, ...], kind: str) -> None:
+        self.values, self.channels, self.kind = values, channels, kind
+        self.law = Law(**{name: values[name] for name in Law._fields})
+        self.mass = values["mass"]
+        self.omega_squared = values["stiffness"] / values["mass"]
+        self.viscous = self._viscous()
+        self.driven = kind == "displacement"
+        asked = set(channels)
+        self.needs_hysteretic_energy = degrades(self.law) or bool(
+            asked & {"hysteretic_energy", "absorbed_energy"}
+        )
+        self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
+        if self.driven and asked & {"relative_acceleration", "absolute_acceleration"}:
+            raise InputError(
+                "channels",
+                "accelerations with an imposed displacement",
+                "displacement, velocity, restoring_force, …",
+            )
+
+    def _viscous(self) -> Any:
+        """Return c/m = 2 ζ ω."""
+        from structid.device import jnp
+
+        if self.values["damping"] is not None:
+            return self.values["damping"] / self.mass
+        return 2.0 * (self.values["damping_ratio"] or 0.0) * jnp.sqrt(self.omega_squared)
+
+    def initial_state(self, like: Any) -> dict[str, Any]:
+        """State at the first sample, every part of shape (run,)."""
+        from structid.device import jnp
+
+        zero = jnp.zeros_like(like)
+        state = {"z": zero + self.values["initial_hysteretic_displacement"]}
+        if not self.driven:
+            state["u"] = zero + self.values["initial_displacement"]
+            state["v"] = zero + self.values["initial_velocity"]
+        if self.needs_hysteretic_energy:
+            state["e_h"] = zero
+        if self.needs_elastic_energy:
+            state["e_e"] = zero
+        return state
+
+    def inputs(self, step: float) -> Any:
+        """Return the function from excitation at start, middle and end of a step to the inputs of `rate`."""
+        if not self.driven:
+            return lambda stage: (stage[0], stage[1], stage[2])
+
+        def displacement_and_velocity(stage: Any) -> tuple[Any, Any, Any]:
+            # The parabola through the three values; a straight line where the record is one.
+            a, b, c = stage[0], stage[1], stage[2]
+            return (a, (-3 * a + 4 * b - c) / step), (b, (c - a) / step), (c, (a - 4 * b + 3 * c) / step)
+
+        return displacement_and_velocity
+
+    def _kinematics(self, state: dict[str, Any], signal: Any) -> tuple[Any, Any]:
+        return signal if self.driven else (state["u"], state["v"])
+
+    def _force_per_mass(self, u: Any, z: Any) -> Any:
+        # α ω² u + (1−α) ω² z                                                                     [3.13]
+        return self.omega_squared * (self.law.alpha * u + (1.0 - self.law.alpha) * z)
+
+    def _acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
+        # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m in the place of −a_g                     [3.12]
+        drive = signal / self.mass if self.kind == "force" else -signal
+        return drive - self.viscous * v - self._force_per_mass(u, z)
+
+    def rate(self, state: dict[str, Any], signal: Any) -> dict[str, Any]:
+        """Derivative of the state."""
+        u, v = self._kinematics(state, signal)
+        z = state["z"]
+        slope = {"z": hysteretic_rate(v, z, state.get("e_h"), self.law)}
+        if not self.driven:
+            slope["u"], slope["v"] = v, self._acceleration(u, v, z, signal)
+        if self.needs_hysteretic_energy:
+            slope["e_h"] = (1.0 - self.law.alpha) * self.omega_squared * z * v  # [3.14]
+        if self.needs_elastic_energy:
+            slope["e_e"] = self.law.alpha * self.omega_squared * u * v  # [3.15]
+        return slope
+
+    def observe(self, state: dict[str, Any], signal: Any) -> Any:
+        """Return the channels at a sample, shape (channel, run)."""
+        from structid.device import jnp
+
+        return jnp.stack([self._channel(name, state, signal) for name in self.channels])
+
+    def _channel(self, name: str, state: dict[str, Any], signal: Any) -> Any:
+        from structid.device import jnp
+
+        u, v = self._kinematics(state, signal)
+        z = state["z"]
+        match name:
+            case "displacement":
+                return u + jnp.zeros_like(z)
+            case "velocity":
+                return v + jnp.zeros_like(z)
+            case "relative_acceleration":
+                return self._acceleration(u, v, z, signal)
+            case "absolute_acceleration":
+                moving_base = signal if self.kind == "ground_motion" else 0.0
+                return self._acceleration(u, v, z, signal) + moving_base
+            case "restoring_force":
+                return self.mass * self._force_per_mass(u, z)
+            case "hysteretic_displacement":
+                return z
+            case "hysteretic_energy":
+                return self.mass * state["e_h"]
+            case "elastic_energy":
+                return self.mass * state["e_e"]
+            case _:
+                return self.mass * (state["e_h"] + state["e_e"])
+
+
+def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the free names as a tuple if the model has them all.
+
+    Parameters
+    ----------
+    model : str
+        The model's name, for the message.
+    free : sequence of str
+        The names.
+    known_names : tuple of str
+        The model's parameters.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or repeated.
+    """
+    names = (free,) if isinstance(free, str) else tuple(free)
+    for name in names:
+        if name not in known_names:
+            raise InputError(f"{model}.free", f"the parameter '{name}', which the model lacks", ", ".join(known_names),
+                             suggestion(name, known_names))  # fmt: skip
+    if len(set(names)) < len(names):
+        raise InputError(f"{model}.free", f"{list(names)}", "each name once")
+    return names
+
+
+def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, nu: Any) -> dict[str, Any]:
+    """Parameters of this family for the Bouc-Wen benchmark of nonlinear system identification (Noël & Schoukens 2016).
+
+    The benchmark's m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β (γ |ẏ| |z|^(ν−1) z + δ ẏ |z|^ν) is the oscillator with
+    k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are the same.
+
+    Parameters
+    ----------
+    k, alpha, beta, gamma, delta, nu : float or array
+        The benchmark's parameters.
+
+    Returns
+    -------
+    dict of str to float or array
+        ``stiffness``, ``alpha``, ``beta``, ``gamma`` and ``exponent`` of `BoucWen`.
+    """
+    shape = beta * alpha ** (nu - 1.0)
+    return {
+        "stiffness": k + alpha,
+        "alpha": k / (k + alpha),
+        "beta": shape * gamma,
+        "gamma": shape * delta,
+        "exponent": nu,
+    }
+
+
+def _finite(where: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary name it in free.") from None
+    if not np.isfinite(number):
+        raise InputError(where, f"{number}", "a finite number")
+    return number

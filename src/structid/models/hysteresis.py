@@ -1,0 +1,157 @@
+"""The Bouc-Wen-Baber-Noori law of one spring: hysteresis, degradation by absorbed energy, pinching.
+
+Sources: Bouc (1967), Wen (1976, J. Eng. Mech. Div. 102, 249), Baber & Noori (1985, J. Eng. Mech. 111, 1010),
+Foliente (1995, J. Struct. Eng. 121, 1013) for the pinching function.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from structid.device import jnp
+
+
+class Law(NamedTuple):
+    """Parameters of the law; each a float, known when the function is compiled, or an array over runs.
+
+    The exponent n is `exponent`, A₀ is `amplitude`, δ_A, δ_ν, δ_η are the rates of degradation [kg/J]; ζ₀, p, q, ψ₀, δ_ψ, λ
+    are those of pinching.
+    """
+
+    alpha: Any
+    beta: Any
+    gamma: Any
+    exponent: Any
+    amplitude: Any
+    delta_a: Any
+    delta_nu: Any
+    delta_eta: Any
+    zeta0: Any
+    p: Any
+    q: Any
+    psi0: Any
+    delta_psi: Any
+    lambda_: Any
+
+
+def known(value: Any, number: float) -> bool:
+    """Whether a parameter is fixed at a number, so that the term it stands in can be left out.
+
+    Parameters
+    ----------
+    value : float or array
+        The parameter.
+    number : float
+        The number.
+
+    Returns
+    -------
+    bool
+        True only for a plain float equal to `number`.
+    """
+    return isinstance(value, float) and value == number
+
+
+def degrades(law: Law) -> bool:
+    """Whether the law depends on the absorbed hysteretic energy.
+
+    Parameters
+    ----------
+    law : Law
+        The parameters.
+
+    Returns
+    -------
+    bool
+        False if degradation and pinching are fixed at none.
+    """
+    return not all(known(v, 0.0) for v in (law.delta_a, law.delta_nu, law.delta_eta, law.zeta0))
+
+
+def power(base: Any, exponent: Any) -> Any:
+    """|z|ⁿ of a non-negative base, with finite derivatives at zero.
+
+    Parameters
+    ----------
+    base : array
+        Non-negative.
+    exponent : float or array
+        Positive.
+
+    Returns
+    -------
+    array
+        The power; its derivatives at a base of zero are taken as zero.
+    """
+    if known(exponent, 1.0):
+        return base
+    positive = base > 0.0
+    return jnp.where(positive, jnp.exp(exponent * jnp.log(jnp.where(positive, base, 1.0))), 0.0)
+
+
+def pinching(velocity: Any, z: Any, energy: Any, nu: Any, a: Any, law: Law) -> Any:
+    """Pinching function h of the Baber-Noori law.
+
+    h = 1 − ζ₁ exp(−(z sign(v) − q z_u)²/ζ₂²)                          [3.9]
+    z_u = [A/(ν(β+γ))]^(1/n)                                           [3.10]
+    ζ₁ = ζ₀ (1 − exp(−p e_h)),  ζ₂ = (ψ₀ + δ_ψ e_h)(λ + ζ₁)            [3.11]
+
+    Parameters
+    ----------
+    velocity, z, energy : array
+        Rate of the spring [m/s], hysteretic displacement [m], hysteretic energy per mass [J/kg].
+    nu, a : array
+        ν and A at that energy.
+    law : Law
+        The parameters.
+
+    Returns
+    -------
+    array
+        h; 1 where β + γ ≤ 0, since there is no z_u then.
+    """
+    sum_of_shapes = nu * (law.beta + law.gamma)
+    bounded = sum_of_shapes > 0.0
+    ultimate = power(jnp.maximum(a, 0.0) / jnp.where(bounded, sum_of_shapes, 1.0), _inverse(law.exponent))
+    zeta1 = law.zeta0 * (1.0 - jnp.exp(-law.p * energy))
+    zeta2 = (law.psi0 + law.delta_psi * energy) * (law.lambda_ + zeta1)
+    h = 1.0 - zeta1 * jnp.exp(-(((z * jnp.sign(velocity) - law.q * ultimate) / zeta2) ** 2))
+    return jnp.where(bounded, h, 1.0)
+
+
+def _inverse(exponent: Any) -> Any:
+    return 1.0 if known(exponent, 1.0) else 1.0 / exponent
+
+
+def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
+    """Rate of the hysteretic displacement.
+
+    z′ = h(z) { A v − ν [β |v| |z|^(n−1) z + γ v |z|ⁿ] } / η                     [3.4]
+    A = A₀ − δ_A e_h,   ν = 1 + δ_ν e_h,   η = 1 + δ_η e_h                       [3.5]
+
+    Parameters
+    ----------
+    velocity, z, energy : array
+        Rate of the spring [m/s], hysteretic displacement [m], hysteretic energy per mass [J/kg].
+    law : Law
+        The parameters.
+
+    Returns
+    -------
+    array
+        z′ [m/s].
+    """
+    # |z|^(n−1) z = sign(z) |z|ⁿ has a derivative at z = 0, where the history starts; the printed form has none.
+    if known(law.exponent, 1.0):
+        shape = law.beta * jnp.abs(velocity) * z + law.gamma * velocity * jnp.abs(z)
+    else:
+        shape = power(jnp.abs(z), law.exponent) * (
+            law.beta * jnp.abs(velocity) * jnp.sign(z) + law.gamma * velocity
+        )
+    if not degrades(law):
+        return law.amplitude * velocity - shape
+    a = law.amplitude - law.delta_a * energy
+    nu = 1.0 + law.delta_nu * energy
+    eta = 1.0 + law.delta_eta * energy
+    rate = (a * velocity - nu * shape) / eta
+    return rate if known(law.zeta0, 0.0) else pinching(velocity, z, energy, nu, a, law) * rate

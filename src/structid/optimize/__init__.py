@@ -1,0 +1,9 @@
+"""Deterministic calibration: minimise a misfit over a box and linear inequalities, from many starts."""
+
+from __future__ import annotations
+
+from structid.optimize.interior_point import interior_point
+from structid.optimize.minima import Minimum, OptimizeResult
+from structid.optimize.pattern_search import pattern_search
+
+__all__ = ["Minimum", "OptimizeResult", "interior_point", "pattern_search"]

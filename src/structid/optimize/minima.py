@@ -1,0 +1,152 @@
+"""What a multistart search found: the distinct minima, from best to worst."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from structid.journal import write_then_rename
+from structid.optimize.region import Objective, Region
+from structid.units import label
+
+SAME_POINT = 1e-3
+"""Two end points closer than this, in fractions of the box, are one minimum."""
+
+
+@dataclass(frozen=True)
+class Minimum:
+    """One of the minima that were found.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (parameter,)
+        Where, in SI.
+    value : float
+        Objective there.
+    starts : int
+        How many starts ended there.
+    on_boundary : tuple of str
+        Parameters at one of their bounds.
+    """
+
+    theta: np.ndarray
+    value: float
+    starts: int
+    on_boundary: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class OptimizeResult:
+    """Outcome of a multistart search.
+
+    Parameters
+    ----------
+    method : str
+        Name of the search.
+    names : tuple of str
+        Parameters.
+    minima : tuple of Minimum
+        Distinct ones, best first.
+    evaluations : int
+        Runs of the model (a linearisation counts one for itself and one for each parameter).
+    scale : float
+        Objective of a model that predicts nothing, Σ y².
+    ends, values : ndarray, shape (start, parameter) and (start,)
+        Where every start ended, in SI, and the objective there.
+    """
+
+    method: str
+    names: tuple[str, ...]
+    minima: tuple[Minimum, ...]
+    evaluations: int
+    scale: float
+    ends: np.ndarray = field(repr=False)
+    values: np.ndarray = field(repr=False)
+    units: dict[str, str] = field(repr=False, default_factory=dict)
+    factors: np.ndarray = field(repr=False, default=None)  # type: ignore[assignment]
+
+    @property
+    def best(self) -> Minimum:
+        """The lowest minimum."""
+        return self.minima[0]
+
+    def __str__(self) -> str:
+        """Table of the minima in display units."""
+        heads = [label(n, self.units.get(n, "")) for n in self.names]
+        lines = [
+            f"{self.method}: {len(self.values)} starts, {self.evaluations} runs of the model, {len(self.minima)} distinct minima",
+            "  ".join(
+                [
+                    "objective/scale".rjust(16),
+                    "starts",
+                    *(h.rjust(max(14, len(h))) for h in heads),
+                    "at a bound",
+                ]
+            ),
+        ]
+        for minimum in self.minima:
+            shown = minimum.theta / self.factors
+            lines.append(
+                "  ".join([
+                    f"{minimum.value / self.scale:16.6g}", f"{minimum.starts:6d}",
+                    *(f"{v:{max(14, len(h))}.8g}" for v, h in zip(shown, heads, strict=True)),
+                    ", ".join(minimum.on_boundary) or "-",
+                ])
+            )  # fmt: skip
+        return "\n".join(lines)
+
+    def to_text(self, path: str | os.PathLike[str]) -> Path:
+        """Write the table to a file.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        write_then_rename(Path(path), (str(self) + "\n").encode())
+        return Path(path)
+
+
+def collect(
+    method: str, objective: Objective, where: Region, x: np.ndarray, values: np.ndarray, evaluations: int
+) -> OptimizeResult:
+    """Sort the end points of a search into distinct minima.
+
+    Parameters
+    ----------
+    method : str
+        Name of the search.
+    objective : Objective
+        Names, units and scale.
+    where : Region
+        The region.
+    x, values : ndarray, shape (start, parameter) and (start,)
+        End points in scaled coordinates, and the objective there.
+    evaluations : int
+        Runs of the model.
+
+    Returns
+    -------
+    OptimizeResult
+        The result.
+    """
+    left = list(np.argsort(values, kind="stable"))
+    minima = []
+    while left:
+        centre = left[0]
+        same = [i for i in left if np.abs(x[i] - x[centre]).max() < SAME_POINT]
+        at = [n for n, v in zip(objective.names, x[centre], strict=True) if min(v, 1.0 - v) < 1e-6]
+        minima.append(Minimum(where.to_theta(x[centre]), float(values[centre]), len(same), tuple(at)))
+        left = [i for i in left if i not in same]
+    return OptimizeResult(
+        method, objective.names, tuple(minima), evaluations, objective.scale, where.to_theta(x), values,
+        objective.space.units, objective.space.factors,
+    )  # fmt: skip

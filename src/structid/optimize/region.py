@@ -1,0 +1,227 @@
+"""The feasible region: a box and linear inequalities, in coordinates scaled to the box."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.probability.designs import unit_design
+from structid.probability.expressions import parse_expression
+from structid.probability.space import ParameterSpace
+
+
+class Objective(Protocol):
+    """What is minimised: a batched function; `linearised` gives derivatives where there are any."""
+
+    names: tuple[str, ...]
+    space: ParameterSpace
+    scale: float
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        """Values (run,) at ``theta[run, parameter]``."""
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (run,), gradients (run, parameter), positive semi-definite curvatures (run, parameter, parameter)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """A x ≤ b in coordinates x = (θ − low)/(high − low); its first 2d rows are the box 0 ≤ x ≤ 1.
+
+    Parameters
+    ----------
+    low, width : ndarray, shape (parameter,)
+        Lower bounds and ranges in SI.
+    matrix, limit : ndarray, shape (constraint, parameter) and (constraint,)
+        A, with rows of unit length, and b.
+    """
+
+    low: np.ndarray
+    width: np.ndarray
+    matrix: np.ndarray
+    limit: np.ndarray
+
+    def to_theta(self, x: np.ndarray) -> np.ndarray:
+        """Scaled coordinates to SI.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., parameter)
+            Scaled coordinates.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            θ.
+        """
+        return self.low + x * self.width
+
+    def to_scaled(self, theta: np.ndarray) -> np.ndarray:
+        """SI to scaled coordinates.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            θ.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            x.
+        """
+        return (np.asarray(theta) - self.low) / self.width
+
+    def slack(self, x: np.ndarray) -> np.ndarray:
+        """Distance to every constraint, b − A x.
+
+        Parameters
+        ----------
+        x : ndarray, shape (..., parameter)
+            Scaled coordinates.
+
+        Returns
+        -------
+        ndarray, shape (..., constraint)
+            Non-negative where x is feasible.
+        """
+        return self.limit - x @ self.matrix.T
+
+    def longest_step(self, x: np.ndarray, direction: np.ndarray) -> float:
+        """How far one can go before leaving the region.
+
+        Parameters
+        ----------
+        x, direction : ndarray, shape (parameter,)
+            A feasible point and a direction.
+
+        Returns
+        -------
+        float
+            The largest t ≥ 0 with x + t · direction feasible.
+        """
+        rate = self.matrix @ direction
+        leaving = rate > 1e-14 * np.abs(direction).max(initial=1e-300)
+        if not leaving.any():
+            return float("inf")
+        return float(max((self.slack(x)[leaving] / rate[leaving]).min(), 0.0))
+
+    def interior_starts(self, count: int, seed: int) -> np.ndarray:
+        """Latin hypercube points well inside the region.
+
+        Parameters
+        ----------
+        count, seed : int
+            How many, and the seed.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            Scaled coordinates.
+        """
+        dimension = self.low.size
+        for oversampling in (1, 4, 16, 64, 256):
+            x = 0.01 + 0.98 * unit_design(count * oversampling, dimension, seed, "latin_hypercube")
+            inside = x[(self.slack(x) > 1e-3).all(axis=1)]
+            if len(inside) >= count:
+                return inside[:count]
+        raise InputError(
+            "constraints",
+            "almost nothing of the box satisfies them",
+            "inequalities that leave room in the box",
+        )
+
+
+def region(
+    objective: Objective, bounds: dict[str, tuple[float, float]] | None, constraints: Sequence[str]
+) -> Region:
+    """Build the region for an objective.
+
+    Parameters
+    ----------
+    objective : Objective
+        Its space gives names and default bounds.
+    bounds : dict of str to pair of float, optional
+        Bounds in SI that replace the support of the prior; an unbounded prior is cut at its 1e-4 quantiles.
+    constraints : sequence of str
+        Linear inequalities in SI such as ``"gamma <= beta"`` or ``"-beta <= gamma"``.
+
+    Returns
+    -------
+    Region
+        The region.
+    """
+    space, names = objective.space, objective.names
+    box = np.array([m.support for m in space.marginals.values()])
+    tails = np.array([m.quantile(np.array([1e-4, 1 - 1e-4])) for m in space.marginals.values()])
+    box = np.where(np.isfinite(box), box, tails)
+    for name, pair in (bounds or {}).items():
+        if name not in names:
+            raise InputError("bounds", f"'{name}'", ", ".join(names))
+        box[names.index(name)] = pair
+    if not (box[:, 0] < box[:, 1]).all():
+        name = names[int(np.argmin(box[:, 1] - box[:, 0]))]
+        raise InputError(f"bounds of '{name}'", "low ≥ high", "low < high")
+    low, width = box[:, 0], box[:, 1] - box[:, 0]
+    identity = np.eye(len(names))
+    rows, limits = [identity, -identity], [np.ones(len(names)), np.zeros(len(names))]
+    for text in constraints:
+        coefficient, constant = _linear(text, names)
+        # a·θ + c ≤ 0 with θ = low + width x
+        row = coefficient * width
+        length = np.linalg.norm(row)
+        rows.append(row[None, :] / length)
+        limits.append(np.array([-(constant + coefficient @ low) / length]))
+    return Region(low, width, np.concatenate(rows), np.concatenate(limits))
+
+
+def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
+    """Coefficients and constant of an inequality brought to the form a·θ + c ≤ 0."""
+    sides = re.split(r"(<=|>=)", text)
+    if len(sides) != 3:
+        raise InputError("constraint", f"'{text}'", "one linear inequality such as 'gamma <= beta'")
+    left, sign, right = sides
+    function, needed = parse_expression(f"({left}) - ({right})", f"constraint '{text}'")
+    for name in needed:
+        if name not in names:
+            raise InputError(f"constraint '{text}'", f"'{name}'", ", ".join(names))
+
+    def at(point: np.ndarray) -> float:
+        return float(function(dict(zip(names, point, strict=True))))
+
+    constant = at(np.zeros(len(names)))
+    coefficient = np.array([at(row) - constant for row in np.eye(len(names))])
+    probe = np.linspace(0.3, 1.7, len(names))
+    if not np.isclose(at(probe), constant + coefficient @ probe, rtol=1e-9) or not coefficient.any():
+        raise InputError(f"constraint '{text}'", "it is not linear in the parameters", "a linear inequality")
+    return (coefficient, constant) if sign == "<=" else (-coefficient, -constant)
+
+
+def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> np.ndarray:
+    """Scaled starting points: drawn, or given and checked.
+
+    Parameters
+    ----------
+    where : Region
+        The region.
+    starts : int or ndarray, shape (start, parameter)
+        How many to draw, or the points in SI.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    ndarray, shape (start, parameter)
+        Scaled coordinates, feasible.
+    """
+    if isinstance(starts, (int, np.integer)):
+        return where.interior_starts(int(starts), seed)
+    x = where.to_scaled(np.atleast_2d(starts))
+    bad = np.flatnonzero((where.slack(x) < -1e-9).any(axis=1))
+    if bad.size:
+        raise InputError("starts", f"point {bad[0]} violates the bounds or constraints", "feasible points")
+    return x

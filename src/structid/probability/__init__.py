@@ -1,0 +1,1 @@
+"""Prior knowledge: marginals, parameter spaces, designs of experiments."""

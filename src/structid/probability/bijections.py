@@ -1,0 +1,104 @@
+"""Smooth maps between the whole of ℝᵈ and a box, coordinate by coordinate, for samplers that know no bounds."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+
+class Bijection:
+    """Logistic where a coordinate has two bounds, exponential where it has one, a scale where it has none.
+
+    Parameters
+    ----------
+    bounds : ndarray, shape (parameter, 2)
+        Smallest and largest value; infinite for none.
+    scales : ndarray, shape (parameter,), optional
+        Size of one unconstrained unit of a coordinate without bounds.
+    """
+
+    def __init__(self, bounds: np.ndarray, scales: np.ndarray | None = None) -> None:
+        self.bounds = np.asarray(bounds, dtype=np.float64).reshape(-1, 2)
+        free = ~np.isfinite(self.bounds).any(axis=1)
+        self.scales = np.where(free, 1.0 if scales is None else scales, 1.0)
+
+    @cached_property
+    def _transforms(self) -> list[Any]:
+        from numpyro.distributions import biject_to, constraints
+
+        def constraint(low: float, high: float) -> Any:
+            if np.isfinite(low) and np.isfinite(high):
+                return constraints.interval(low, high)
+            if np.isfinite(low):
+                return constraints.greater_than(low)
+            return constraints.less_than(high) if np.isfinite(high) else constraints.real
+
+        return [biject_to(constraint(*bound)) for bound in self.bounds]
+
+    def forward(self, phi: Any) -> tuple[Any, Any]:
+        """Map ℝᵈ to the box, inside JAX.
+
+        Parameters
+        ----------
+        phi : jax.Array, shape (..., parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Points of the box (..., parameter) and the log determinant of the Jacobian (...).
+        """
+        from structid.device import jnp
+
+        points, jacobian = [], jnp.zeros(phi.shape[:-1])
+        for i, (transform, scale) in enumerate(zip(self._transforms, self.scales, strict=True)):
+            x = phi[..., i] * scale
+            points.append(transform(x))
+            jacobian = jacobian + transform.log_abs_det_jacobian(x, points[-1]) + np.log(scale)
+        return jnp.stack(points, axis=-1), jacobian
+
+    def inverse(self, theta: np.ndarray) -> np.ndarray:
+        """Map the inside of the box to ℝᵈ.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            Points inside the box.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            Unconstrained coordinates.
+        """
+        theta = np.asarray(theta, dtype=np.float64)
+        columns = [
+            np.asarray(transform.inv(theta[..., i])) / scale
+            for i, (transform, scale) in enumerate(zip(self._transforms, self.scales, strict=True))
+        ]
+        return np.stack(columns, axis=-1)
+
+    @cached_property
+    def _compiled_forward(self) -> Any:
+        from structid.device import over_runs
+
+        return over_runs(self.forward)
+
+    def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Map ℝᵈ to the box, on the host.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray
+            Points of the box (run, parameter) and the log determinant of the Jacobian (run,).
+        """
+        if not np.isfinite(self.bounds).any():
+            return phi * self.scales, np.full(len(phi), np.log(self.scales).sum())
+        theta, jacobian = self._compiled_forward(phi)
+        return theta, jacobian

@@ -1,0 +1,475 @@
+"""Named parameters with prior distributions, correlation and derived parameters; designs of experiments over them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.special
+
+from structid.errors import InputError, suggestion
+from structid.journal import digest
+from structid.probability.bijections import Bijection
+from structid.probability.designs import unit_design
+from structid.probability.expressions import parse_expression
+from structid.probability.marginals import Marginal
+from structid.units import factor
+
+if TYPE_CHECKING:
+    import xarray
+
+Derivation = Callable[[Mapping[str, Any]], Any]
+
+
+@dataclass(frozen=True)
+class Design:
+    """Parameter points with their names and the space they come from.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, parameter)
+        Points in SI.
+    space : ParameterSpace
+        The space.
+    """
+
+    values: np.ndarray
+    space: ParameterSpace
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return self.space.names
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, rows: slice | np.ndarray) -> Design:
+        return Design(self.values[rows], self.space)
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Columns by name, derived parameters included.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Which.
+
+        Returns
+        -------
+        ndarray, shape (run, name)
+            Their values in SI.
+        """
+        return np.asarray(self.space.columns(self.values, names))
+
+    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write the points in display units, one column a parameter.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        header = ",".join(f"{n} [{u}]" if u else n for n, u in self.space.units.items())
+        np.savetxt(
+            path, self.values / self.space.factors, delimiter=",", header=header, comments="", fmt="%.12g"
+        )
+        return Path(path)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Give the points as an xarray Dataset with dimension run.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable per parameter, in SI.
+        """
+        import xarray
+
+        return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
+
+
+class ParameterSpace:
+    """The unknown parameters: names, prior distributions, correlation, and parameters made of others.
+
+    Parameters
+    ----------
+    correlation : mapping of pair of str to float, or ndarray (parameter, parameter), optional
+        Correlation of the Gaussian copula: ``{("stiffness", "alpha"): 0.4}`` or the whole matrix.
+    derived : mapping of str to callable or str, optional
+        Parameters made of others: ``{"gamma": "gamma_ratio * beta"}``, or a function of a mapping from names to arrays
+        that works on NumPy and JAX arrays alike.
+    **marginals : Marginal
+        One distribution per parameter.
+
+    Examples
+    --------
+    >>> from structid.probability.marginals import Normal, Uniform
+    >>> space = ParameterSpace(stiffness=Normal(7.42, 0.742, unit="kN/mm"), beta=Uniform(55.0, 65.0, unit="1/m"))
+    >>> space.sample(3, seed=1).values.shape
+    (3, 2)
+    """
+
+    def __init__(
+        self,
+        correlation: Mapping[tuple[str, str], float] | np.ndarray | None = None,
+        derived: Mapping[str, Derivation | str] | None = None,
+        **marginals: Marginal,
+    ) -> None:
+        for name, marginal in marginals.items():
+            if not isinstance(marginal, Marginal):
+                raise InputError(f"ParameterSpace({name})", f"{marginal!r}", "a distribution such as Uniform(0.0, 1.0)",
+                                 "A known value belongs into the model, not into the space.")  # fmt: skip
+        self.marginals: dict[str, Marginal] = dict(marginals)
+        self._correlation = self._correlation_matrix(correlation)
+        self._derived_source = dict(derived or {})
+        self._derived = {
+            name: self._derivation(name, source) for name, source in self._derived_source.items()
+        }
+
+    # --- names and units ----------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the sampled parameters, in the order of the columns."""
+        return tuple(self.marginals)
+
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """Sampled and derived names."""
+        return (*self.marginals, *self._derived)
+
+    @property
+    def dimension(self) -> int:
+        """Number of sampled parameters."""
+        return len(self.marginals)
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Declared unit of every sampled parameter."""
+        return {name: m.unit for name, m in self.marginals.items()}
+
+    @cached_property
+    def factors(self) -> np.ndarray:
+        """SI value of one declared unit, shape (parameter,)."""
+        return np.array([factor(m.unit) for m in self.marginals.values()])
+
+    @cached_property
+    def bounds(self) -> np.ndarray:
+        """Smallest and largest values in SI, shape (parameter, 2)."""
+        return np.array([m.support for m in self.marginals.values()]).reshape(-1, 2)
+
+    @property
+    def correlation(self) -> np.ndarray | None:
+        """Correlation matrix of the Gaussian copula, or None for independent parameters."""
+        return self._correlation
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of the names and distributions."""
+        derived = {
+            n: s if isinstance(s, str) else getattr(s, "__qualname__", repr(s))
+            for n, s in self._derived_source.items()
+        }
+        correlation = [] if self._correlation is None else self._correlation.tolist()
+        return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
+
+    def extended(self, **marginals: Marginal) -> ParameterSpace:
+        """Return this space with further, independent parameters.
+
+        Parameters
+        ----------
+        **marginals : Marginal
+            Their distributions.
+
+        Returns
+        -------
+        ParameterSpace
+            The larger space.
+        """
+        taken = sorted(set(marginals) & set(self.all_names))
+        if taken:
+            raise InputError(
+                "ParameterSpace", f"the name '{taken[0]}' twice", "a name once", "Rename one of them."
+            )
+        correlation = None
+        if self._correlation is not None:
+            correlation = np.eye(self.dimension + len(marginals))
+            correlation[: self.dimension, : self.dimension] = self._correlation
+        return ParameterSpace(correlation, self._derived_source, **{**self.marginals, **marginals})
+
+    def _correlation_matrix(
+        self, given: Mapping[tuple[str, str], float] | np.ndarray | None
+    ) -> np.ndarray | None:
+        if given is None or self.dimension == 0:
+            return None
+        if isinstance(given, Mapping):
+            matrix = np.eye(self.dimension)
+            for pair, value in given.items():
+                for name in pair:
+                    if name not in self.marginals:
+                        raise InputError(
+                            "correlation",
+                            f"the name '{name}'",
+                            ", ".join(self.names),
+                            suggestion(name, self.names),
+                        )
+                i, j = (self.names.index(n) for n in pair)
+                matrix[i, j] = matrix[j, i] = value
+        else:
+            matrix = np.array(given, dtype=np.float64)
+        shape = (self.dimension, self.dimension)
+        if (
+            matrix.shape != shape
+            or not np.allclose(matrix, matrix.T)
+            or not np.allclose(np.diag(matrix), 1.0)
+        ):
+            raise InputError(
+                "correlation",
+                f"an array of shape {matrix.shape}",
+                f"a symmetric {shape} matrix with ones on its diagonal",
+            )
+        if np.linalg.eigvalsh(matrix).min() <= 1e-10:
+            raise InputError("correlation", f"a matrix whose smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():.2g}",
+                             "a positive definite one", "Weaken the correlations: together they contradict one another.")  # fmt: skip
+        return matrix
+
+    def _derivation(self, name: str, source: Derivation | str) -> Derivation:
+        if name in self.marginals:
+            raise InputError(
+                f"derived '{name}'", "a name that has a prior as well", "a new name", "Remove one of them."
+            )
+        if callable(source):
+            return source
+        function, needed = parse_expression(source, f"derived '{name}'")
+        earlier = [*self.marginals, *list(self._derived_source)[: list(self._derived_source).index(name)]]
+        for other in needed:
+            if other not in earlier:
+                raise InputError(
+                    f"derived '{name}'",
+                    f"'{other}' in '{source}'",
+                    ", ".join(earlier),
+                    suggestion(other, earlier),
+                )
+        return function
+
+    # --- values -------------------------------------------------------------------------------------------------
+
+    def complete(self, theta: Any) -> dict[str, Any]:
+        """All parameters by name, derived ones included.
+
+        Parameters
+        ----------
+        theta : array, shape (..., parameter)
+            Points in SI, NumPy or JAX.
+
+        Returns
+        -------
+        dict of str to array, shape (...)
+            The values in SI.
+        """
+        values: dict[str, Any] = {name: theta[..., i] for i, name in enumerate(self.marginals)}
+        for name, derive in self._derived.items():
+            values[name] = derive(values)
+        return values
+
+    def columns(self, theta: Any, names: Sequence[str]) -> Any:
+        """Columns of named parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (..., parameter)
+            Points in SI, NumPy or JAX.
+        names : sequence of str
+            Which, in this order.
+
+        Returns
+        -------
+        array, shape (..., name)
+            Their values in SI; the same kind of array as `theta` unless something is derived.
+        """
+        missing = [n for n in names if n not in self.all_names]
+        if missing:
+            raise InputError("parameters", f"'{missing[0]}' is asked for", ", ".join(self.all_names),
+                             suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model.")  # fmt: skip
+        if tuple(names) == self.names:
+            return theta
+        if isinstance(theta, np.ndarray) and not self._derived:
+            return theta[..., [self.names.index(n) for n in names]]
+        from structid.device import jnp
+
+        values = self.complete(theta)
+        shape = theta.shape[:-1]
+        return (
+            jnp.stack([jnp.broadcast_to(values[n], shape) for n in names], axis=-1)
+            if names
+            else theta[..., :0]
+        )
+
+    def sample(self, count: int, seed: int, method: str = "latin_hypercube") -> Design:
+        """Draw a design from the prior.
+
+        Parameters
+        ----------
+        count : int
+            Number of points.
+        seed : int
+            Seed: the same one gives the same design.
+        method : {"latin_hypercube", "maximin", "sobol", "random"}
+            How to spread the points.
+
+        Returns
+        -------
+        Design
+            Points in SI.
+        """
+        if self.dimension == 0:
+            return Design(np.zeros((count, 0)), self)
+        return Design(self.from_uniform(unit_design(count, self.dimension, seed, method)), self)
+
+    def from_uniform(self, u: np.ndarray) -> np.ndarray:
+        """Map the unit cube to the prior (inverse Rosenblatt transform of the copula).
+
+        Parameters
+        ----------
+        u : ndarray, shape (..., parameter)
+            Points of the unit cube.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            Points in SI.
+        """
+        if self._correlation is not None:
+            z = scipy.special.ndtri(u) @ np.linalg.cholesky(self._correlation).T
+            u = scipy.special.ndtr(z)
+        return np.stack([m.quantile(u[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
+
+    def to_uniform(self, theta: np.ndarray) -> np.ndarray:
+        """Map the prior to the unit cube; the inverse of `from_uniform`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            Points of the unit cube, uniform and independent under the prior.
+        """
+        u = self.cdf(theta)
+        if self._correlation is None:
+            return u
+        z = np.linalg.solve(np.linalg.cholesky(self._correlation), scipy.special.ndtri(u)[..., None])[..., 0]
+        return scipy.special.ndtr(z)
+
+    def cdf(self, theta: np.ndarray) -> np.ndarray:
+        """Marginal cumulative distributions.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            Probabilities.
+        """
+        theta = np.asarray(theta, dtype=np.float64)
+        return np.stack([m.cdf(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
+
+    def quantile(self, p: np.ndarray) -> np.ndarray:
+        """Marginal quantiles.
+
+        Parameters
+        ----------
+        p : ndarray, shape (..., parameter)
+            Probabilities.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            Values in SI.
+        """
+        return np.stack(
+            [m.quantile(np.asarray(p)[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1
+        )
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Logarithm of the joint prior density.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (...)
+            Log density; −inf outside the support.
+        """
+        theta = np.asarray(theta, dtype=np.float64)
+        total = np.sum([m.log_density(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=0)
+        if self._correlation is None:
+            return total
+        z = scipy.special.ndtri(np.clip(self.cdf(theta), 1e-300, 1 - 1e-16))
+        return total + _copula_log_density(z, self._correlation, np)
+
+    # --- JAX face -----------------------------------------------------------------------------------------------
+
+    def jax_log_density(self, theta: Any) -> Any:
+        """Joint prior log density inside JAX, with gradients.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (..., parameter)
+            Points in SI.
+
+        Returns
+        -------
+        jax.Array, shape (...)
+            Log density; −inf outside the support.
+        """
+        import jax.scipy.special as special
+
+        from structid.device import jnp
+
+        parts = [m.jax_log_density(theta[..., i]) for i, m in enumerate(self.marginals.values())]
+        total = sum(parts, start=jnp.zeros(theta.shape[:-1]))
+        if self._correlation is None:
+            return total
+        u = jnp.stack([m.jax_cdf(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
+        return total + _copula_log_density(
+            special.ndtri(jnp.clip(u, 1e-300, 1 - 1e-16)), self._correlation, jnp
+        )
+
+    @cached_property
+    def bijection(self) -> Bijection:
+        """Smooth map between ℝᵈ and the support, with the prior's scale where there are no bounds."""
+        return Bijection(self.bounds, np.array([m.moments[1] for m in self.marginals.values()]))
+
+    def __repr__(self) -> str:
+        rows = [f"  {name}: {m}" for name, m in self.marginals.items()]
+        rows += [
+            f"  {name} = {source if isinstance(source, str) else 'function'}"
+            for name, source in self._derived_source.items()
+        ]
+        return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
+
+
+def _copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:
+    """Gaussian copula: log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z."""
+    excess = np.linalg.inv(correlation) - np.eye(len(correlation))
+    return -0.5 * np.linalg.slogdet(correlation)[1] - 0.5 * numpy.einsum("...i,ij,...j->...", z, excess, z)

@@ -1,0 +1,139 @@
+"""Physical units at the border: ``"7.6 kN/mm"`` to SI and back; inside the library every array is SI."""
+
+from __future__ import annotations
+
+import functools
+import re
+from typing import Any
+
+from structid.errors import InputError
+
+STANDARD_GRAVITY = 9.80665
+"""m/s² in one g, as PEER and ISO 80000-3 define it."""
+
+_NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint
+
+    registry = pint.UnitRegistry(cache_folder=None)
+    # Engineers write g for gravity and 1/mm, kN/mm for stiffness; grams have no use here.
+    registry.define(f"gravity_g = {STANDARD_GRAVITY} * meter / second ** 2")
+    return registry
+
+
+def _clean(unit: str) -> str:
+    text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
+    # A lone g is gravity; "kg" and the like are left alone.
+    return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
+
+
+@functools.cache
+def _si_quantity(unit: str) -> Any:
+    registry = _registry()
+    text = _clean(unit)
+    if text in ("", "-", "1"):
+        return registry.Quantity(1.0)
+    try:
+        quantity = registry.Quantity(1.0, text) if not text[0].isdigit() else registry.Quantity(text)
+        return quantity.to_base_units()
+    except Exception as cause:
+        raise InputError(
+            f"unit '{unit}'", "it is not a unit structid knows", "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
+            "Check the spelling; an exponent is written m^2 or m**2.",
+        ) from cause  # fmt: skip
+
+
+def factor(unit: str) -> float:
+    """SI value of one `unit`, so that ``value_si = value * factor(unit)``.
+
+    Parameters
+    ----------
+    unit : str
+        A unit such as ``"kN/mm"``; empty for a pure number.
+
+    Returns
+    -------
+    float
+        The factor, 1e6 for ``"kN/mm"``.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown.
+    """
+    return float(_si_quantity(unit).magnitude)
+
+
+def same_dimension(unit: str, other: str) -> bool:
+    """Whether two units measure the same kind of quantity.
+
+    Parameters
+    ----------
+    unit, other : str
+        The units to compare.
+
+    Returns
+    -------
+    bool
+        True for ``"kN/mm"`` and ``"N/m"``.
+    """
+    return bool(_si_quantity(unit).dimensionality == _si_quantity(other).dimensionality)
+
+
+def to_si(value: float | str, unit: str, where: str = "value") -> float:
+    """Turn a number or a text such as ``"7.6 kN/mm"`` into SI.
+
+    Parameters
+    ----------
+    value : float or str
+        A bare number is taken to be in `unit`; a text carries its own unit.
+    unit : str
+        The expected unit: it gives the dimension to check against.
+    where : str
+        The key or argument, for the message.
+
+    Returns
+    -------
+    float
+        The value in SI.
+
+    Raises
+    ------
+    InputError
+        If the text is no quantity, or one of another dimension.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
+    if not isinstance(value, str):
+        return float(value) * factor(unit)
+    match = _NUMBER.match(value)
+    if match is None:
+        raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'")
+    number, own = float(match.group(1)), match.group(2)
+    if own == "":
+        return number * factor(unit)
+    if not same_dimension(own, unit):
+        raise InputError(
+            where, f"'{value}' has the unit '{own}'", f"a unit that measures the same as '{unit or 'a pure number'}'",
+            "Correct the unit, or leave it out to mean the expected one.",
+        )  # fmt: skip
+    return number * factor(own)
+
+
+def label(name: str, unit: str) -> str:
+    """Name and unit as an axis or table shows them, ``"stiffness [kN/mm]"``.
+
+    Parameters
+    ----------
+    name, unit : str
+        The name and its unit; an empty unit leaves the brackets out.
+
+    Returns
+    -------
+    str
+        The label.
+    """
+    return f"{name} [{unit}]" if unit not in ("", "-", "1") else name
