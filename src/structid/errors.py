@@ -95,7 +95,5 @@ def check_choice(where: str, value: str, allowed: Iterable[str]) -> str:
     """
     names = list(allowed)
     if value not in names:
-        raise InputError(
-            where, f"'{value}'", ", ".join(f"'{n}'" for n in names), suggestion(str(value), names)
-        )
+        raise InputError(where, f"'{value}'", ", ".join(f"'{n}'" for n in names), suggestion(str(value), names))
     return value

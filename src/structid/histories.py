@@ -96,18 +96,10 @@ class Histories:
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=np.float64)
         if values.ndim != 3 or values.shape[2] != len(self.channels):
-            raise InputError(
-                "Histories.values", f"shape {values.shape}", f"(run, time, {len(self.channels)} channels)"
-            )
+            raise InputError("Histories.values", f"shape {values.shape}", f"(run, time, {len(self.channels)} channels)")
         runs = values.shape[0]
-        status = (
-            np.zeros(runs, dtype=np.int8) if self.status is None else np.asarray(self.status, dtype=np.int8)
-        )
-        times = (
-            np.full(runs, np.nan)
-            if self.failure_time is None
-            else np.asarray(self.failure_time, dtype=np.float64)
-        )
+        status = np.zeros(runs, dtype=np.int8) if self.status is None else np.asarray(self.status, dtype=np.int8)
+        times = np.full(runs, np.nan) if self.failure_time is None else np.asarray(self.failure_time, dtype=np.float64)
         for name, value in (
             ("values", values), ("status", status), ("failure_time", times), ("channels", tuple(self.channels)),
         ):  # fmt: skip

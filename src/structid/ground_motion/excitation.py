@@ -121,9 +121,7 @@ class Excitation:
             grid = np.take(fine, np.arange(steps * 2 * substeps + 1), mode="wrap")
         else:
             steps = samples - 1
-            grid = np.interp(
-                np.arange(steps * 2 * substeps + 1) / (2 * substeps), np.arange(samples), self.values
-            )
+            grid = np.interp(np.arange(steps * 2 * substeps + 1) / (2 * substeps), np.arange(samples), self.values)
         stages = np.stack([grid[0:-2:2], grid[1:-1:2], grid[2::2]], axis=1)
         return stages.reshape(steps, substeps, 3)
 

@@ -57,15 +57,11 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
     nyquist = 0.5 / dt
     if not 0 < edge < nyquist:
         raise InputError("filter edge", f"{edge:g} Hz", f"between 0 and the Nyquist frequency {nyquist:g} Hz")
-    order, _ = scipy.signal.buttord(
-        edge, min(stop, 0.99 * nyquist), PASSBAND_LOSS, STOPBAND_LOSS, fs=1.0 / dt
-    )
+    order, _ = scipy.signal.buttord(edge, min(stop, 0.99 * nyquist), PASSBAND_LOSS, STOPBAND_LOSS, fs=1.0 / dt)
     return int(order)
 
 
-def butterworth(
-    signal: np.ndarray, dt: float, edges: float | tuple[float, float], band: str, order: int
-) -> np.ndarray:
+def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float], band: str, order: int) -> np.ndarray:
     """Filter forward and backward, so that no phase is shifted and the loss is doubled (6 dB at the edge).
 
     Parameters
@@ -115,9 +111,7 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
     """
     ratio = Fraction(dt / new_dt).limit_denominator(1000)
     if abs(float(ratio) * new_dt / dt - 1.0) > 1e-9:
-        raise InputError(
-            "resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction"
-        )
+        raise InputError("resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction")
     return scipy.signal.resample_poly(signal, ratio.numerator, ratio.denominator)
 
 

@@ -84,9 +84,7 @@ def read_columns(
             continue
         row = _numbers(path, [text.replace(",", " ").replace(";", " ")], first_line=number)
         if rows and len(row) != len(rows[0]):
-            raise InputError(
-                f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before"
-            )
+            raise InputError(f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before")
         rows.append(list(row))
         numbers.append(number)
     if len(rows) < 2:
@@ -117,9 +115,7 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
 def _lines(path: str | os.PathLike[str]) -> list[str]:
     file = Path(path)
     if not file.is_file():
-        raise InputError(
-            f"{path}", "there is no such file", "a readable file", "Check the name and the folder."
-        )
+        raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
     lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
     if not any(line.strip() for line in lines):
         raise InputError(f"{path}", "the file is empty", "a record", "Fetch it again.")

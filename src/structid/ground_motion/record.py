@@ -280,9 +280,7 @@ class GroundMotion(Excitation):
         """
         first, last = round(start / self.dt), min(round(end / self.dt), len(self) - 1)
         if first < 0 or last - first < 1:
-            raise InputError(
-                "trim", f"{start:g} s to {end:g} s", f"an interval within 0 s to {self.duration:g} s"
-            )
+            raise InputError("trim", f"{start:g} s to {end:g} s", f"an interval within 0 s to {self.duration:g} s")
         return self._with(self.values[first : last + 1])
 
     def pad(self, before: float = 0.0, after: float = 0.0) -> GroundMotion:

@@ -62,9 +62,7 @@ def arias_history(acceleration: np.ndarray, dt: float) -> np.ndarray:
     return np.pi / (2.0 * STANDARD_GRAVITY) * integrate(acceleration**2, dt)
 
 
-def significant_duration(
-    acceleration: np.ndarray, dt: float, start: float = 0.05, end: float = 0.95
-) -> float:
+def significant_duration(acceleration: np.ndarray, dt: float, start: float = 0.05, end: float = 0.95) -> float:
     """Time between two fractions of the Arias intensity.
 
     Parameters
@@ -156,12 +154,8 @@ def response_spectrum(
     """
     periods = np.asarray(DEFAULT_PERIODS if periods is None else periods, dtype=np.float64)
     if np.any(periods <= 0):
-        raise InputError(
-            "periods", f"{periods.min():g} s", "positive periods; at T = 0 the spectrum is the PGA"
-        )
-    peak = np.array(
-        [np.abs(oscillator_displacement(acceleration, dt, t, damping_ratio)).max() for t in periods]
-    )
+        raise InputError("periods", f"{periods.min():g} s", "positive periods; at T = 0 the spectrum is the PGA")
+    peak = np.array([np.abs(oscillator_displacement(acceleration, dt, t, damping_ratio)).max() for t in periods])
     omega = 2.0 * np.pi / periods
     return ResponseSpectrum(periods, peak, omega * peak, omega**2 * peak)
 
@@ -214,8 +208,7 @@ def rotd_spectrum(
     components = (first[:samples], second[:samples])
     return np.array(
         [
-            (2 * np.pi / t) ** 2
-            * rotd(*(oscillator_displacement(x, dt, t, damping_ratio) for x in components))
+            (2 * np.pi / t) ** 2 * rotd(*(oscillator_displacement(x, dt, t, damping_ratio) for x in components))
             for t in periods
         ]
     )

@@ -136,7 +136,5 @@ def stochastic_acceleration(
     )
     # z″ + 2ω_c z′ + ω_c² z = x: the ground acceleration is z″, whose velocity and displacement return to zero.
     corner = 2.0 * np.pi * CORNER_FREQUENCY
-    numerator, denominator = scipy.signal.bilinear(
-        [1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt
-    )
+    numerator, denominator = scipy.signal.bilinear([1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt)
     return scipy.signal.lfilter(numerator, denominator, motion)

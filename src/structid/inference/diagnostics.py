@@ -242,12 +242,8 @@ def convergence_failures(
     else:
         name, worst = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].r_hat, nan=np.inf))
         if not worst.r_hat < R_HAT_LIMIT:
-            failures.append(
-                f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree"
-            )
-    name, slowest = max(
-        parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf)
-    )
+            failures.append(f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree")
+    name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
     if not kept_steps >= LENGTH_LIMIT * slowest.autocorrelation_time:
         failures.append(
             f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.0f} autocorrelation times of {name} "

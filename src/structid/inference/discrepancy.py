@@ -159,9 +159,7 @@ class IID(Discrepancy):
             elif given is None:
                 peak = np.abs(values).max() if not self.per_channel else np.abs(values[:, i]).max()
                 if peak == 0.0:
-                    raise InputError(
-                        f"observation, channel '{channel}'", "zero throughout", "a response that moves"
-                    )
+                    raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")
                 unit = CHANNEL_UNITS.get(base_channel(channel), ("", ""))[0]
                 priors.setdefault(
                     self._name(channel, channels),
@@ -199,9 +197,7 @@ class IID(Discrepancy):
 
         variance = self._variances(unknown, channels, residual.shape[2], jnp)
         squares = (residual**2).sum(axis=0)
-        return (-0.5 * residual.shape[0] * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(
-            axis=0
-        )
+        return (-0.5 * residual.shape[0] * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`.
@@ -247,9 +243,7 @@ class IID(Discrepancy):
         ndarray, shape (run, time, channel)
             ε in SI.
         """
-        return rng.standard_normal(shape) * np.sqrt(
-            self._variances(unknown, channels, shape[0], np).T[:, None, :]
-        )
+        return rng.standard_normal(shape) * np.sqrt(self._variances(unknown, channels, shape[0], np).T[:, None, :])
 
     def describe(self) -> dict[str, Any]:
         """Return the kind and what was given for the variance.

@@ -72,9 +72,7 @@ class AIES:
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"AIES.{name}", f"{value!r}", f"a whole number, {least} or more")
         if self.walkers % 2:
-            raise InputError(
-                "AIES.walkers", f"{self.walkers}", "an even number: the ensemble moves in two halves"
-            )
+            raise InputError("AIES.walkers", f"{self.walkers}", "an even number: the ensemble moves in two halves")
         if not self.stretch > 1.0:
             raise InputError("AIES.stretch", f"{self.stretch}", "a number above 1")
         for name in ("differential_evolution", "discard"):
@@ -168,15 +166,15 @@ def differential_proposal(
     count = resting.shape[1]
     first = rng.integers(count, size=(ensembles, walkers))
     second = (first + rng.integers(1, count, size=(ensembles, walkers))) % count
-    difference = np.take_along_axis(resting, first[:, :, None], 1) - np.take_along_axis(
-        resting, second[:, :, None], 1
-    )
+    difference = np.take_along_axis(resting, first[:, :, None], 1) - np.take_along_axis(resting, second[:, :, None], 1)
     gamma = np.where(rng.random((ensembles, walkers)) < 0.1, 1.0, 2.38 / np.sqrt(2.0 * dimension))
     gamma = gamma * (1.0 + 0.05 * rng.standard_normal((ensembles, walkers)))
     return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
 
 
-def start(target: Target, settings: AIES, seed: int) -> tuple[EnsembleState, int]:
+def starting_state(
+    target: Target, settings: AIES, seed: int, points: np.ndarray | None = None
+) -> tuple[EnsembleState, int]:
     """Choose starting points of finite density.
 
     Parameters
@@ -187,6 +185,8 @@ def start(target: Target, settings: AIES, seed: int) -> tuple[EnsembleState, int
         Walkers, ensembles, candidates.
     seed : int
         Seed.
+    points : array-like, shape (point, parameter), optional
+        Where walkers may start, in SI; drawn from the target when left out.
 
     Returns
     -------
@@ -206,7 +206,7 @@ def start(target: Target, settings: AIES, seed: int) -> tuple[EnsembleState, int
     phi, density = np.empty((0, target.dimension)), np.empty(0)
     failed_simulations = 0
     for _ in range(START_TRIES):
-        fresh = target.initial(wanted, rng)
+        fresh = target.initial(wanted, rng) if points is None else _chosen(target, points, wanted, rng)
         value, failed = target.evaluate(fresh)
         failed_simulations += int(failed.sum())
         good = np.isfinite(value)
@@ -229,6 +229,19 @@ def start(target: Target, settings: AIES, seed: int) -> tuple[EnsembleState, int
         phi, density = phi[chosen], density[chosen]
     shape = (settings.ensembles, settings.walkers)
     return EnsembleState(phi.reshape(*shape, -1), density.reshape(shape)), failed_simulations
+
+
+def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw starting points from given ones, each used as seldom as possible."""
+    points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+    if points.shape[1] != target.dimension or len(points) < 2 * target.dimension:
+        raise InputError(
+            "sample(start)",
+            f"an array of shape {points.shape}",
+            f"({2 * target.dimension} points or more, {target.dimension} parameters)",
+        )
+    rows = np.concatenate([rng.permutation(len(points)) for _ in range(-(-count // len(points)))])[:count]
+    return target.bijection.inverse(points[rows])
 
 
 def run_block(

@@ -239,9 +239,7 @@ class Posterior(Target):
             check_channels("observation.channels", observation.channels, model.channels)
         extra = {}
         for index, observation in enumerate(self.observations):
-            own = observation.nuisances() | self.discrepancy.parameters(
-                observation.values, observation.channels
-            )
+            own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
             extra.update({self._label(name, index): prior for name, prior in own.items()})
         self.space = space.extended(**extra)
         self.names = self.space.names
@@ -264,9 +262,7 @@ class Posterior(Target):
     def content_hash(self) -> str:
         """Hash of prior, model, measurements and discrepancy."""
         described = [o.describe() for o in self.observations]
-        return digest(
-            self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe()
-        )
+        return digest(self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe())
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw starting points from the prior; see `Target.initial`.
@@ -491,9 +487,7 @@ class Posterior(Target):
         """
         theta = self._points(theta)
         observation = self.observations[index]
-        run = self.model.simulate(
-            np.asarray(self.model_parameters(theta)), observation.record, progress=progress
-        )
+        run = self.model.simulate(np.asarray(self.model_parameters(theta)), observation.record, progress=progress)
         return np.asarray(self.instrument(run.values.transpose(1, 2, 0), theta, index)).transpose(2, 0, 1)
 
     def pointwise_log_likelihood(self, theta: np.ndarray, index: int = 0) -> np.ndarray:
@@ -562,10 +556,7 @@ class Misfit:
     def scale(self) -> float:
         """Σ y² over every measurement, in the units of J."""
         return float(
-            sum(
-                (o.values**2 * w).sum()
-                for o, w in zip(self._posterior.observations, self._weights, strict=True)
-            )
+            sum((o.values**2 * w).sum() for o, w in zip(self._posterior.observations, self._weights, strict=True))
         )
 
     @cached_property
@@ -581,15 +572,13 @@ class Misfit:
 
         p = self._posterior
         assert isinstance(p.model, JaxModel)
-        full = jnp.concatenate(
-            [theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1
-        )
+        full = jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
         parts = []
         for index, (stages, values) in enumerate(data):
             response, _ = p.model.response(p.model_parameters(full), p.observations[index].record, stages)
-            residual = (values[:, :, None] - p.instrument(response, full, index)) * np.sqrt(
-                self._weights[index]
-            )[:, None]
+            residual = (values[:, :, None] - p.instrument(response, full, index)) * np.sqrt(self._weights[index])[
+                :, None
+            ]
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
 
@@ -630,9 +619,7 @@ class Misfit:
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         p = self._posterior
         if isinstance(p.model, JaxModel):
-            value = np.concatenate(
-                [self._compiled["value"](theta[rows], p._data) for rows in _batches(len(theta))]
-            )
+            value = np.concatenate([self._compiled["value"](theta[rows], p._data) for rows in _batches(len(theta))])
         else:
             full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
             value = sum(
@@ -662,10 +649,7 @@ class Misfit:
         if not isinstance(self._posterior.model, JaxModel):
             raise InputError("misfit gradient", f"a {type(self._posterior.model).__name__}, which has no derivatives",
                              "a built-in model or a surrogate", "Use pattern search, which needs none.")  # fmt: skip
-        parts = [
-            self._compiled["linearised"](theta[rows], self._posterior._data)
-            for rows in _batches(len(theta), 64)
-        ]
+        parts = [self._compiled["linearised"](theta[rows], self._posterior._data) for rows in _batches(len(theta), 64)]
         value, gradient, hessian = (np.concatenate(column) for column in zip(*parts, strict=True))
         return value, gradient, hessian
 

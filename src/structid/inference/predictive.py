@@ -191,9 +191,7 @@ def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions
         dims = (f"time{suffix}", f"channel{suffix}")
         coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
 
-        def put(
-            group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]
-        ) -> None:
+        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
             parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)
@@ -234,6 +232,4 @@ def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, 
     rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index]))
     response = posterior.predict(theta, index)
     unknown = posterior.unknowns(theta, index)
-    return response + posterior.discrepancy.draw(
-        rng, response.shape, unknown, posterior.observations[index].channels
-    )
+    return response + posterior.discrepancy.draw(rng, response.shape, unknown, posterior.observations[index].channels)

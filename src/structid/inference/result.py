@@ -76,9 +76,7 @@ class Summary:
         width = max(len(h) for h in heads)
         lines = ["".ljust(width) + "".join(c.rjust(12) for c in self.columns)]
         for i, head in enumerate(heads):
-            lines.append(
-                head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values())
-            )
+            lines.append(head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values()))
         return "\n".join(lines)
 
 
@@ -412,9 +410,7 @@ class _NegativeLogDensity:
 
     def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
         self.names, self._target = target.names, target
-        self.space = ParameterSpace(
-            **{n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
-        )
+        self.space = ParameterSpace(**{n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)})
         self._curvature = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:

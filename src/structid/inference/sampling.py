@@ -17,10 +17,11 @@ from structid.inference.ensemble import (
     block_lengths,
     run_block,
     settle,
-    start,
+    starting_state,
 )
 from structid.inference.result import SamplingResult
 from structid.inference.target import Target
+from structid.journal import digest
 from structid.models.base import Progress
 
 
@@ -29,6 +30,7 @@ def sample(
     sampler: AIES | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
+    start: np.ndarray | None = None,
     progress: Progress | None = None,
 ) -> SamplingResult:
     """Draw from a target.
@@ -44,6 +46,9 @@ def sample(
     store : path-like, optional
         HDF5 file for the draws. A killed run continues from it to the same bits; a finished one is read; with more steps it is
         continued. A store of another target, sampler or seed is refused.
+    start : array-like, shape (point, parameter), optional
+        Points in SI, inside the support, among which the walkers start; drawn from the target's prior when left out. Spread
+        them wider than the posterior, or R-hat has nothing to find.
     progress : callable, optional
         Told how many steps are done.
 
@@ -66,7 +71,7 @@ def sample(
     }
     chains = None if store is None else ChainStore(store, identity)
     blocks = [] if chains is None else chains.blocks()
-    state, start_failures = _resume(target, sampler, seed, blocks)
+    state, start_failures = _resume(target, sampler, seed, start, blocks)
     lengths = list(block_lengths(sampler.steps))
     for index in range(len(blocks), len(lengths)):
         began = time.perf_counter()
@@ -86,17 +91,17 @@ def sample(
     return _result(target, sampler, seed, blocks)
 
 
-def _resume(target: Target, sampler: AIES, seed: int, blocks: list[Block]) -> tuple[EnsembleState, int]:
+def _resume(
+    target: Target, sampler: AIES, seed: int, points: np.ndarray | None, blocks: list[Block]
+) -> tuple[EnsembleState, int]:
     """Where the walkers were after the last stored block, or fresh starting points."""
     if blocks:
         return EnsembleState(blocks[-1]["phi"][-1], blocks[-1]["log_density"][-1]), 0
-    return start(target, sampler, seed)
+    return starting_state(target, sampler, seed, points)
 
 
 def _result(target: Target, sampler: AIES, seed: int, blocks: list[Block]) -> SamplingResult:
-    joined: dict[str, Any] = {
-        name: np.concatenate([b[name] for b in blocks])[: sampler.steps] for name in blocks[0]
-    }
+    joined: dict[str, Any] = {name: np.concatenate([b[name] for b in blocks])[: sampler.steps] for name in blocks[0]}
     phi = joined["phi"]
     theta, jacobian = target.bijection(phi.reshape(-1, phi.shape[-1]))
     return SamplingResult(

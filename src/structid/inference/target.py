@@ -206,9 +206,7 @@ class LogDensity(Target):
             theta = rng.permutation(np.asarray(self._initial, dtype=np.float64))[:count]
         theta = np.asarray(theta, dtype=np.float64)
         if theta.shape != (count, self.dimension):
-            raise InputError(
-                "LogDensity.initial", f"an array of shape {theta.shape}", f"({count}, {self.dimension})"
-            )
+            raise InputError("LogDensity.initial", f"an array of shape {theta.shape}", f"({count}, {self.dimension})")
         return self.bijection.inverse(theta)
 
     @property

@@ -127,9 +127,7 @@ class BoucWen(JaxModel):
     def __post_init__(self) -> None:
         free = check_free(type(self).__name__, self.free, tuple(PARAMETER_UNITS))
         object.__setattr__(self, "free", free)
-        object.__setattr__(
-            self, "channels", check_channels(f"{type(self).__name__}.channels", self.channels, CHANNELS)
-        )
+        object.__setattr__(self, "channels", check_channels(f"{type(self).__name__}.channels", self.channels, CHANNELS))
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
             raise InputError("BoucWen.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
         for name in PARAMETER_UNITS:
@@ -155,9 +153,7 @@ class BoucWen(JaxModel):
                     f"Remove {second}.",
                 )
         if not (self._given("gamma") or self._given("gamma_ratio")):
-            raise InputError(
-                "BoucWen.gamma", "neither gamma nor gamma_ratio is given", "exactly one of the two"
-            )
+            raise InputError("BoucWen.gamma", "neither gamma nor gamma_ratio is given", "exactly one of the two")
 
     def _check_values(self) -> None:
         for name in ("mass", "stiffness", "exponent"):
@@ -336,9 +332,7 @@ class _Equations:
         self.viscous = self._viscous()
         self.driven = kind == "displacement"
         asked = set(channels)
-        self.needs_hysteretic_energy = degrades(self.law) or bool(
-            asked & {"hysteretic_energy", "absorbed_energy"}
-        )
+        self.needs_hysteretic_energy = degrades(self.law) or bool(asked & {"hysteretic_energy", "absorbed_energy"})
         self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
         if self.driven and asked & {"relative_acceleration", "absolute_acceleration"}:
             raise InputError(

@@ -145,9 +145,7 @@ def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
     if known(law.exponent, 1.0):
         shape = law.beta * jnp.abs(velocity) * z + law.gamma * velocity * jnp.abs(z)
     else:
-        shape = power(jnp.abs(z), law.exponent) * (
-            law.beta * jnp.abs(velocity) * jnp.sign(z) + law.gamma * velocity
-        )
+        shape = power(jnp.abs(z), law.exponent) * (law.beta * jnp.abs(velocity) * jnp.sign(z) + law.gamma * velocity)
     if not degrades(law):
         return law.amplitude * velocity - shape
     a = law.amplitude - law.delta_a * energy

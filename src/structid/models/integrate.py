@@ -13,9 +13,7 @@ from structid.device import jnp
 State = Any
 
 
-def runge_kutta_4(
-    rate: Callable[[State, Any], State], state: State, inputs: tuple[Any, Any, Any], step: Any
-) -> State:
+def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tuple[Any, Any, Any], step: Any) -> State:
     """One step of the classical Runge-Kutta method.
 
     k₁ = f(y, x₀), k₂ = f(y + h/2 k₁, x_½), k₃ = f(y + h/2 k₂, x_½), k₄ = f(y + h k₃, x₁),

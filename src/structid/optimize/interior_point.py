@@ -89,9 +89,7 @@ def interior_point(
             break
         evaluations += _linearise(objective, where, active)
         steps = [_direction(it, where) for it in active]
-        trials = np.concatenate(
-            [it.x + STEP_LENGTHS[:, None] * s[0] for it, s in zip(active, steps, strict=True)]
-        )
+        trials = np.concatenate([it.x + STEP_LENGTHS[:, None] * s[0] for it, s in zip(active, steps, strict=True)])
         values = objective(where.to_theta(trials)) / objective.scale
         evaluations += len(trials)
         for it, (dx, dual), found in zip(active, steps, values.reshape(len(active), -1), strict=True):
@@ -153,11 +151,7 @@ def _advance(
     it.x, it.stalled = trials[best], 0
     it.damping = it.damping * (0.1 if best == 0 else 1.0 if best < 4 else 4.0)
     shrinking = dual < 0
-    longest = (
-        min(1.0, TO_BOUNDARY * (it.multipliers[shrinking] / -dual[shrinking]).min())
-        if shrinking.any()
-        else 1.0
-    )
+    longest = min(1.0, TO_BOUNDARY * (it.multipliers[shrinking] / -dual[shrinking]).min()) if shrinking.any() else 1.0
     it.multipliers = it.multipliers + longest * dual
     # Keep multipliers near the central path, so that a bad start cannot pin a face.
     slack = _slack(where, it.x)

@@ -99,9 +99,7 @@ def pattern_search(
         if progress is not None:
             progress(sum(s.finished for s in searches), len(searches))
     ends = np.array([s.x for s in searches])
-    return collect(
-        "pattern search", objective, where, ends, np.array([s.value for s in searches]), evaluations
-    )
+    return collect("pattern search", objective, where, ends, np.array([s.value for s in searches]), evaluations)
 
 
 def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:

@@ -136,9 +136,7 @@ class Region:
         )
 
 
-def region(
-    objective: Objective, bounds: dict[str, tuple[float, float]] | None, constraints: Sequence[str]
-) -> Region:
+def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, constraints: Sequence[str]) -> Region:
     """Build the region for an objective.
 
     Parameters

@@ -39,9 +39,7 @@ def parse_expression(text: str, where: str) -> tuple[Callable[[Mapping[str, Any]
     try:
         tree = ast.parse(text, mode="eval").body
     except SyntaxError as cause:
-        raise InputError(
-            where, f"'{text}'", "an arithmetic expression such as 'gamma_ratio * beta'"
-        ) from cause
+        raise InputError(where, f"'{text}'", "an arithmetic expression such as 'gamma_ratio * beta'") from cause
     names: list[str] = []
     _check(tree, text, where, names)
     return lambda values: _evaluate(tree, values), tuple(dict.fromkeys(names))

@@ -267,9 +267,7 @@ def _one_way(family: str, ways: dict[str, dict[str, float | None]]) -> str:
     given = [name for name, values in ways.items() if any(v is not None for v in values.values())]
     complete = [name for name in given if all(v is not None for v in ways[name].values())]
     if len(given) != 1 or len(complete) != 1:
-        came = (
-            ", ".join(k for values in ways.values() for k, v in values.items() if v is not None) or "nothing"
-        )
+        came = ", ".join(k for values in ways.values() for k, v in values.items() if v is not None) or "nothing"
         raise InputError(family, f"{came}", " or ".join("(" + ", ".join(v) + ")" for v in ways.values()))
     return complete[0]
 
@@ -303,14 +301,10 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
         raise InputError("Uniform(low, high)", f"low = {low:g} and high = {high:g}", "finite numbers with low < high",
                          "Exchange them.")  # fmt: skip
     base = scipy.stats.uniform(low, high - low)
-    return Marginal(
-        "Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit
-    )
+    return Marginal("Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit)
 
 
-def Normal(
-    mean: float, sd: float, low: float | None = None, high: float | None = None, unit: str = ""
-) -> Marginal:
+def Normal(mean: float, sd: float, low: float | None = None, high: float | None = None, unit: str = "") -> Marginal:
     """Normal distribution, optionally truncated; the moments are those before truncation.
 
     Parameters
@@ -360,9 +354,7 @@ def LogNormal(
     Marginal
         The distribution.
     """
-    way = _one_way(
-        "LogNormal", {"moments": {"mean": mean, "sd": sd}, "log": {"log_mean": log_mean, "log_sd": log_sd}}
-    )
+    way = _one_way("LogNormal", {"moments": {"mean": mean, "sd": sd}, "log": {"log_mean": log_mean, "log_sd": log_sd}})
     if way == "moments":
         assert mean is not None and sd is not None
         _positive("LogNormal", mean=mean, sd=sd)
@@ -372,9 +364,7 @@ def LogNormal(
     assert log_mean is not None and log_sd is not None
     _positive("LogNormal", log_sd=log_sd)
     base = scipy.stats.lognorm(log_sd, scale=np.exp(log_mean))
-    return Marginal(
-        "LogNormal", base, "LogNormal", {"loc": log_mean, "scale": log_sd}, *_bounds(low, high), unit
-    )
+    return Marginal("LogNormal", base, "LogNormal", {"loc": log_mean, "scale": log_sd}, *_bounds(low, high), unit)
 
 
 def Gamma(
@@ -413,9 +403,7 @@ def Gamma(
     assert shape is not None and rate is not None
     _positive("Gamma", shape=shape, rate=rate)
     parameters = {"concentration": float(shape), "rate": float(rate)}
-    return Marginal(
-        "Gamma", scipy.stats.gamma(shape, scale=1 / rate), "Gamma", parameters, *_bounds(low, high), unit
-    )
+    return Marginal("Gamma", scipy.stats.gamma(shape, scale=1 / rate), "Gamma", parameters, *_bounds(low, high), unit)
 
 
 def Beta(
@@ -450,9 +438,7 @@ def Beta(
     if way == "moments":
         assert mean is not None and sd is not None
         if not (0 < mean < 1 and 0 < sd**2 < mean * (1 - mean)):
-            raise InputError(
-                "Beta(mean, sd)", f"mean {mean}, sd {sd}", "0 < mean < 1 and sd² < mean (1 − mean)"
-            )
+            raise InputError("Beta(mean, sd)", f"mean {mean}, sd {sd}", "0 < mean < 1 and sd² < mean (1 − mean)")
         total = mean * (1 - mean) / sd**2 - 1
         a, b = mean * total, (1 - mean) * total
     assert a is not None and b is not None
@@ -489,9 +475,7 @@ def Weibull(
     Marginal
         The distribution.
     """
-    way = _one_way(
-        "Weibull", {"moments": {"mean": mean, "sd": sd}, "native": {"shape": shape, "scale": scale}}
-    )
+    way = _one_way("Weibull", {"moments": {"mean": mean, "sd": sd}, "native": {"shape": shape, "scale": scale}})
     if way == "moments":
         assert mean is not None and sd is not None
         _positive("Weibull", mean=mean, sd=sd)
@@ -499,9 +483,7 @@ def Weibull(
         target = np.log1p((sd / mean) ** 2)
         gap = lambda k: scipy.special.gammaln(1 + 2 / k) - 2 * scipy.special.gammaln(1 + 1 / k) - target  # noqa: E731
         if not gap(0.1) > 0 > gap(1e4):
-            raise InputError(
-                "Weibull(mean, sd)", f"mean {mean:g}, sd {sd:g}", "a ratio sd/mean between 2e-4 and 400"
-            )
+            raise InputError("Weibull(mean, sd)", f"mean {mean:g}, sd {sd:g}", "a ratio sd/mean between 2e-4 and 400")
         shape = float(scipy.optimize.brentq(gap, 0.1, 1e4, xtol=1e-14))
         scale = mean / float(scipy.special.gamma(1 + 1 / shape))
     assert shape is not None and scale is not None
@@ -538,9 +520,7 @@ def Gumbel(
     Marginal
         The distribution.
     """
-    way = _one_way(
-        "Gumbel", {"moments": {"mean": mean, "sd": sd}, "native": {"location": location, "scale": scale}}
-    )
+    way = _one_way("Gumbel", {"moments": {"mean": mean, "sd": sd}, "native": {"location": location, "scale": scale}})
     if way == "moments":
         assert mean is not None and sd is not None
         _positive("Gumbel", sd=sd)
@@ -549,14 +529,10 @@ def Gumbel(
     assert location is not None and scale is not None
     _positive("Gumbel", scale=scale)
     parameters = {"loc": float(location), "scale": float(scale)}
-    return Marginal(
-        "Gumbel", scipy.stats.gumbel_r(location, scale), "Gumbel", parameters, *_bounds(low, high), unit
-    )
+    return Marginal("Gumbel", scipy.stats.gumbel_r(location, scale), "Gumbel", parameters, *_bounds(low, high), unit)
 
 
-def Frozen(
-    distribution: Any, low: float | None = None, high: float | None = None, unit: str = ""
-) -> Marginal:
+def Frozen(distribution: Any, low: float | None = None, high: float | None = None, unit: str = "") -> Marginal:
     """Any frozen continuous distribution of SciPy, optionally truncated.
 
     Inside JAX it is evaluated on the host, which is slow; the gradient of the log density is a central difference.
@@ -576,8 +552,6 @@ def Frozen(
         The distribution.
     """
     if not all(hasattr(distribution, name) for name in ("logpdf", "cdf", "ppf", "sf", "isf", "support")):
-        raise InputError(
-            "Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats"
-        )
+        raise InputError("Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats")
     name = getattr(getattr(distribution, "dist", None), "name", "Frozen")
     return Marginal(name, distribution, "", {}, *_bounds(low, high), unit)

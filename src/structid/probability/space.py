@@ -81,9 +81,7 @@ class Design:
             The file written.
         """
         header = ",".join(f"{n} [{u}]" if u else n for n, u in self.space.units.items())
-        np.savetxt(
-            path, self.values / self.space.factors, delimiter=",", header=header, comments="", fmt="%.12g"
-        )
+        np.savetxt(path, self.values / self.space.factors, delimiter=",", header=header, comments="", fmt="%.12g")
         return Path(path)
 
     def to_xarray(self) -> xarray.Dataset:
@@ -133,9 +131,7 @@ class ParameterSpace:
         self.marginals: dict[str, Marginal] = dict(marginals)
         self._correlation = self._correlation_matrix(correlation)
         self._derived_source = dict(derived or {})
-        self._derived = {
-            name: self._derivation(name, source) for name, source in self._derived_source.items()
-        }
+        self._derived = {name: self._derivation(name, source) for name, source in self._derived_source.items()}
 
     # --- names and units ----------------------------------------------------------------------------------------
 
@@ -178,8 +174,7 @@ class ParameterSpace:
     def content_hash(self) -> str:
         """Hash of the names and distributions."""
         derived = {
-            n: s if isinstance(s, str) else getattr(s, "__qualname__", repr(s))
-            for n, s in self._derived_source.items()
+            n: s if isinstance(s, str) else getattr(s, "__qualname__", repr(s)) for n, s in self._derived_source.items()
         }
         correlation = [] if self._correlation is None else self._correlation.tolist()
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
@@ -199,18 +194,14 @@ class ParameterSpace:
         """
         taken = sorted(set(marginals) & set(self.all_names))
         if taken:
-            raise InputError(
-                "ParameterSpace", f"the name '{taken[0]}' twice", "a name once", "Rename one of them."
-            )
+            raise InputError("ParameterSpace", f"the name '{taken[0]}' twice", "a name once", "Rename one of them.")
         correlation = None
         if self._correlation is not None:
             correlation = np.eye(self.dimension + len(marginals))
             correlation[: self.dimension, : self.dimension] = self._correlation
         return ParameterSpace(correlation, self._derived_source, **{**self.marginals, **marginals})
 
-    def _correlation_matrix(
-        self, given: Mapping[tuple[str, str], float] | np.ndarray | None
-    ) -> np.ndarray | None:
+    def _correlation_matrix(self, given: Mapping[tuple[str, str], float] | np.ndarray | None) -> np.ndarray | None:
         if given is None or self.dimension == 0:
             return None
         if isinstance(given, Mapping):
@@ -229,11 +220,7 @@ class ParameterSpace:
         else:
             matrix = np.array(given, dtype=np.float64)
         shape = (self.dimension, self.dimension)
-        if (
-            matrix.shape != shape
-            or not np.allclose(matrix, matrix.T)
-            or not np.allclose(np.diag(matrix), 1.0)
-        ):
+        if matrix.shape != shape or not np.allclose(matrix, matrix.T) or not np.allclose(np.diag(matrix), 1.0):
             raise InputError(
                 "correlation",
                 f"an array of shape {matrix.shape}",
@@ -310,11 +297,7 @@ class ParameterSpace:
 
         values = self.complete(theta)
         shape = theta.shape[:-1]
-        return (
-            jnp.stack([jnp.broadcast_to(values[n], shape) for n in names], axis=-1)
-            if names
-            else theta[..., :0]
-        )
+        return jnp.stack([jnp.broadcast_to(values[n], shape) for n in names], axis=-1) if names else theta[..., :0]
 
     def sample(self, count: int, seed: int, method: str = "latin_hypercube") -> Design:
         """Draw a design from the prior.
@@ -403,9 +386,7 @@ class ParameterSpace:
         ndarray, shape (..., parameter)
             Values in SI.
         """
-        return np.stack(
-            [m.quantile(np.asarray(p)[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1
-        )
+        return np.stack([m.quantile(np.asarray(p)[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Logarithm of the joint prior density.
@@ -451,9 +432,7 @@ class ParameterSpace:
         if self._correlation is None:
             return total
         u = jnp.stack([m.jax_cdf(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
-        return total + _copula_log_density(
-            special.ndtri(jnp.clip(u, 1e-300, 1 - 1e-16)), self._correlation, jnp
-        )
+        return total + _copula_log_density(special.ndtri(jnp.clip(u, 1e-300, 1 - 1e-16)), self._correlation, jnp)
 
     @cached_property
     def bijection(self) -> Bijection:
