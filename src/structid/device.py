@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import math
 import os
@@ -18,11 +19,10 @@ from jax.sharding import Mesh, PartitionSpec
 def _set_up() -> None:
     jax.config.update("jax_enable_x64", True)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    try:
-        # XLA runs one scan on one core, so each core becomes a device of its own and a batch is spread over them.
+    # XLA runs one scan on one core, so each core becomes a device of its own and a batch is spread over them.
+    # Where the caller has used JAX already, its devices stay as they are.
+    with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", cores)
-    except RuntimeError:
-        pass  # the caller has already used JAX: its devices stay as they are
     if jax.config.jax_compilation_cache_dir is None:
         cache = os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))
         jax.config.update("jax_compilation_cache_dir", str(Path(cache) / "structid" / "jax"))

@@ -101,8 +101,11 @@ class Histories:
         status = np.zeros(runs, dtype=np.int8) if self.status is None else np.asarray(self.status, dtype=np.int8)
         times = np.full(runs, np.nan) if self.failure_time is None else np.asarray(self.failure_time, dtype=np.float64)
         for name, value in (
-            ("values", values), ("status", status), ("failure_time", times), ("channels", tuple(self.channels)),
-        ):  # fmt: skip
+            ("values", values),
+            ("status", status),
+            ("failure_time", times),
+            ("channels", tuple(self.channels)),
+        ):
             object.__setattr__(self, name, value)
 
     def __len__(self) -> int:

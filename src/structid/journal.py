@@ -52,12 +52,20 @@ class Journal:
     def _check(self) -> int:
         with self.path.open("rb") as file:
             if file.read(len(_MAGIC)) != _MAGIC:
-                raise InputError(f"store {self.path}", "this file is not a structid journal", "a journal or no file",
-                                 "Name another store; this one is left as it is.")  # fmt: skip
+                raise InputError(
+                    f"store {self.path}",
+                    "this file is not a structid journal",
+                    "a journal or no file",
+                    "Name another store; this one is left as it is.",
+                )
             header = _read_frame(file)
             if header is None:
-                raise InputError(f"store {self.path}", "its header is damaged", "a whole journal",
-                                 "Move the file away and start again.")  # fmt: skip
+                raise InputError(
+                    f"store {self.path}",
+                    "its header is damaged",
+                    "a whole journal",
+                    "Move the file away and start again.",
+                )
             compare_identity(self.path, json.loads(header), self.identity)
             end = file.tell()
             while _read_frame(file) is not None:
@@ -133,9 +141,11 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
     if differing:
         what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
         raise StoreMismatchError(
-            f"store {path}", f"it belongs to another study: {what}", "a store of this very study, or a new file",
+            f"store {path}",
+            f"it belongs to another study: {what}",
+            "a store of this very study, or a new file",
             "Name another store or folder, or move this one away; it has not been touched.",
-        )  # fmt: skip
+        )
 
 
 def digest(*parts: Any) -> str:

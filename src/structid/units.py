@@ -41,9 +41,11 @@ def _si_quantity(unit: str) -> Any:
         return quantity.to_base_units()
     except Exception as cause:
         raise InputError(
-            f"unit '{unit}'", "it is not a unit structid knows", "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
+            f"unit '{unit}'",
+            "it is not a unit structid knows",
+            "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
             "Check the spelling; an exponent is written m^2 or m**2.",
-        ) from cause  # fmt: skip
+        ) from cause
 
 
 def factor(unit: str) -> float:
@@ -117,9 +119,11 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
         return number * factor(unit)
     if not same_dimension(own, unit):
         raise InputError(
-            where, f"'{value}' has the unit '{own}'", f"a unit that measures the same as '{unit or 'a pure number'}'",
+            where,
+            f"'{value}' has the unit '{own}'",
+            f"a unit that measures the same as '{unit or 'a pure number'}'",
             "Correct the unit, or leave it out to mean the expected one.",
-        )  # fmt: skip
+        )
     return number * factor(own)
 
 

@@ -39,8 +39,12 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
         raise InputError(where, f"an array of shape {array.shape}", "one dimension with two samples or more")
     bad = np.flatnonzero(~np.isfinite(array))
     if bad.size:
-        raise InputError(where, f"{bad.size} values that are not finite, the first at sample {bad[0]}", "finite numbers",
-                         "Cut or repair the signal before handing it over.")  # fmt: skip
+        raise InputError(
+            where,
+            f"{bad.size} values that are not finite, the first at sample {bad[0]}",
+            "finite numbers",
+            "Cut or repair the signal before handing it over.",
+        )
     if not (np.isfinite(dt) and dt > 0):
         raise InputError(f"{where}: dt", f"{dt}", "a positive number of seconds")
     array.setflags(write=False)
@@ -78,8 +82,12 @@ class Excitation:
         array, dt = checked_signal(f"{type(self).__name__} '{self.name}'", self.values, self.dt)
         check_choice(f"{type(self).__name__}.interpolation", self.interpolation, ("linear", "periodic"))
         if self.lead_in_periods and self.interpolation != "periodic":
-            raise InputError("lead_in_periods", f"{self.lead_in_periods} with linear interpolation", "0",
-                             "Only a periodic signal has periods to lead in with.")  # fmt: skip
+            raise InputError(
+                "lead_in_periods",
+                f"{self.lead_in_periods} with linear interpolation",
+                "0",
+                "Only a periodic signal has periods to lead in with.",
+            )
         object.__setattr__(self, "values", array)
         object.__setattr__(self, "dt", dt)
 

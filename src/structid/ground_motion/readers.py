@@ -34,18 +34,25 @@ def read_peer(path: str | os.PathLike[str]) -> tuple[np.ndarray, float, str]:
         If the file is empty, has no such header, a value that is no number, or another count than it says.
     """
     lines = _lines(path)
-    for number, line in enumerate(lines[:6]):
-        match = _NEW_HEADER.search(line) or _OLD_HEADER.search(line)
-        if match:
-            break
-    else:
-        raise InputError(f"{path}, lines 1-6", "no line with NPTS and DT", "a PEER AT2 header such as 'NPTS= 4000, DT= .0100'",
-                         "For plain columns give the reader dt or a time column: GroundMotion.read(path, dt=0.01, unit='g').")  # fmt: skip
+    matches = [_NEW_HEADER.search(line) or _OLD_HEADER.search(line) for line in lines[:6]]
+    number = next((i for i, found in enumerate(matches) if found), -1)
+    match = matches[number] if number >= 0 else None
+    if match is None:
+        raise InputError(
+            f"{path}, lines 1-6",
+            "no line with NPTS and DT",
+            "a PEER AT2 header such as 'NPTS= 4000, DT= .0100'",
+            "For plain columns give the reader dt or a time column: GroundMotion.read(path, dt=0.01, unit='g').",
+        )
     count, dt = int(match.group(1)), float(match.group(2))
     values = _numbers(path, lines[number + 1 :], first_line=number + 2)
     if values.size != count:
-        raise InputError(f"{path}, line {number + 1}", f"the header says NPTS = {count}, and {values.size} values follow",
-                         "as many values as the header says", "The file is cut short or damaged: fetch it again.")  # fmt: skip
+        raise InputError(
+            f"{path}, line {number + 1}",
+            f"the header says NPTS = {count}, and {values.size} values follow",
+            "as many values as the header says",
+            "The file is cut short or damaged: fetch it again.",
+        )
     event = lines[1].strip() if number >= 2 else Path(path).stem
     return values * STANDARD_GRAVITY, dt, event
 
@@ -92,8 +99,12 @@ def read_columns(
     table = np.array(rows)
     index = (0 if dt is not None else 1) if column is None else column
     if not 0 <= index < table.shape[1]:
-        raise InputError(f"{path}", f"{table.shape[1]} columns, and column {index} asked for",
-                         f"column 0 to {table.shape[1] - 1}", "With a single column give dt.")  # fmt: skip
+        raise InputError(
+            f"{path}",
+            f"{table.shape[1]} columns, and column {index} asked for",
+            f"column 0 to {table.shape[1] - 1}",
+            "With a single column give dt.",
+        )
     if dt is None:
         dt = _constant_step(path, table[:, 0], numbers)
     return table[:, index] * to_si(1.0, unit, f"{path}: unit"), dt
@@ -106,8 +117,12 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
     wrong = np.flatnonzero(np.abs(time - time[0] - dt * np.arange(time.size)) > 0.05 * abs(dt))
     if dt <= 0 or wrong.size:
         at = wrong[0] if wrong.size else int(np.argmin(steps))
-        raise InputError(f"{path}, line {line_numbers[at]}", f"time {time[at]:g} s breaks the constant step of {dt:g} s",
-                         "times that rise by a constant step", "Resample the record to a constant step first.")  # fmt: skip
+        raise InputError(
+            f"{path}, line {line_numbers[at]}",
+            f"time {time[at]:g} s breaks the constant step of {dt:g} s",
+            "times that rise by a constant step",
+            "Resample the record to a constant step first.",
+        )
     # The mean over all samples carries the digits that single printed times lack.
     return float(f"{dt:.9g}")
 
@@ -131,7 +146,11 @@ def _numbers(path: str | os.PathLike[str], lines: list[str], first_line: int) ->
             except ValueError:
                 raise InputError(f"{path}, line {number}", f"'{word}' is no number", "numbers") from None
             if not np.isfinite(value):
-                raise InputError(f"{path}, line {number}", f"'{word}'", "finite numbers",
-                                 "Repair the record: a gap must not be guessed at.")  # fmt: skip
+                raise InputError(
+                    f"{path}, line {number}",
+                    f"'{word}'",
+                    "finite numbers",
+                    "Repair the record: a gap must not be guessed at.",
+                )
             values.append(value)
     return np.array(values)

@@ -87,8 +87,12 @@ class GroundMotion(Excitation):
             acceleration, step, _ = readers.read_peer(path)
             return cls(acceleration, step, name)
         if unit is None:
-            raise InputError(f"{path}", "no unit was given for a text file", "unit='g', 'm/s^2', 'cm/s^2', …",
-                             "Say what the numbers mean: GroundMotion.read(path, unit='g').")  # fmt: skip
+            raise InputError(
+                f"{path}",
+                "no unit was given for a text file",
+                "unit='g', 'm/s^2', 'cm/s^2', …",
+                "Say what the numbers mean: GroundMotion.read(path, unit='g').",
+            )
         return cls(*readers.read_columns(path, unit, dt, column), name)
 
     @classmethod
@@ -98,11 +102,11 @@ class GroundMotion(Excitation):
         duration: float = 40.0,
         dt: float = 0.01,
         arias: float = 1.0,
-        significant_duration: float = 12.0,
+        significant_duration: float = 10.0,
         middle: float = 8.0,
-        frequency: float = 3.0,
-        frequency_slope: float = -0.06,
-        bandwidth: float = 0.3,
+        frequency: float = 2.0,
+        frequency_slope: float = -0.02,
+        bandwidth: float = 0.4,
     ) -> GroundMotion:
         """Make a stochastic record (Rezaeian & Der Kiureghian 2010, doi 10.1002/eqe.997).
 
@@ -398,9 +402,13 @@ class GroundMotion(Excitation):
             The file written.
         """
         np.savetxt(
-            path, np.column_stack([self.time, self.values / factor(unit)]), delimiter=",", comments="", fmt="%.12g",
+            path,
+            np.column_stack([self.time, self.values / factor(unit)]),
+            delimiter=",",
+            comments="",
+            fmt="%.12g",
             header=f"time [s],acceleration [{unit}]",
-        )  # fmt: skip
+        )
         return Path(path)
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
@@ -420,9 +428,14 @@ class GroundMotion(Excitation):
 
         spectrum = self.response_spectrum()
         return figure.record(
-            self.time, self.values, *self.fourier_amplitude(), spectrum.period, spectrum.pseudo_acceleration,
-            title=self.name, save=save,
-        )  # fmt: skip
+            self.time,
+            self.values,
+            *self.fourier_amplitude(),
+            spectrum.period,
+            spectrum.pseudo_acceleration,
+            title=self.name,
+            save=save,
+        )
 
     def plot_filter(self, filtered: GroundMotion, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw this record and its filtered form, in time and in frequency, for tuning the filter.
@@ -442,6 +455,12 @@ class GroundMotion(Excitation):
         from structid.figures import record as figure
 
         return figure.filter_tuning(
-            self.time, self.values, *self.fourier_amplitude(),
-            filtered.time, filtered.values, *filtered.fourier_amplitude(), title=self.name, save=save,
-        )  # fmt: skip
+            self.time,
+            self.values,
+            *self.fourier_amplitude(),
+            filtered.time,
+            filtered.values,
+            *filtered.fourier_amplitude(),
+            title=self.name,
+            save=save,
+        )

@@ -116,10 +116,10 @@ def oscillator_displacement(
     )
     omega = 2.0 * np.pi / period
     system = (
-        [[0.0, 1.0], [-(omega**2), -2.0 * damping_ratio * omega]],
-        [[0.0], [-1.0]],
-        [[1.0, 0.0]],
-        [[0.0]],
+        np.array([[0.0, 1.0], [-(omega**2), -2.0 * damping_ratio * omega]]),
+        np.array([[0.0], [-1.0]]),
+        np.array([[1.0, 0.0]]),
+        np.array([[0.0]]),
     )
     a, b, c, d, _ = scipy.signal.cont2discrete(system, dt / refinement, method="foh")
     # First-order hold is the piecewise-linear recurrence; as a filter it runs in compiled code. The two zeros come
@@ -127,8 +127,12 @@ def oscillator_displacement(
     trace, determinant = a[0, 0] + a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
     h0, h1, h2 = d[0, 0], (c @ b)[0, 0], (c @ a @ b)[0, 0]
     numerator = [h0, h1 - trace * h0, h2 - trace * h1 + determinant * h0]
-    # The record is taken to rise from zero over the step before its first sample.
-    return scipy.signal.lfilter(numerator, [1.0, -trace, determinant], fine)
+    # At rest at the first sample. Left alone, the filter would take the record to rise from zero over the step before it, which
+    # starts a slow oscillator with a velocity; its two delays are set so that u₀ = 0 and u₁ = p a₀ + h₀ a₁.
+    held = scipy.signal.cont2discrete(system, dt / refinement, method="zoh")[1][0, 0]
+    p = held - h0
+    delays = np.array([-numerator[0], p - numerator[1]]) * fine[0]
+    return scipy.signal.lfilter(numerator, [1.0, -trace, determinant], fine, zi=delays)[0]
 
 
 def response_spectrum(

@@ -47,8 +47,11 @@ def modulating_function(time: np.ndarray, arias: float, duration: float, middle:
 
     low, high = np.log(0.3), np.log(1e4)
     if ratio(low) * ratio(high) > 0:
-        raise InputError("synthetic record", f"duration {duration:g} s with middle {middle:g} s",
-                         "a duration between 0.04 and 20 times the middle")  # fmt: skip
+        raise InputError(
+            "synthetic record",
+            f"duration {duration:g} s with middle {middle:g} s",
+            "a duration between 0.04 and 20 times the middle",
+        )
     shape = float(np.exp(scipy.optimize.brentq(ratio, low, high)))
     scale = middle / scipy.stats.gamma.ppf(0.45, shape)
     # π/(2g) ∫ q² dt = I_a

@@ -48,8 +48,12 @@ class ChainStore:
                 found = json.loads(file.attrs["identity"])
                 arrays = {name: file[name][...] for name in file}
         except (OSError, KeyError) as cause:
-            raise InputError(f"store {self.path}", "this file holds no chains of structid", "a chain store, or no file",
-                             "Name another store; this one is left as it is.") from cause  # fmt: skip
+            raise InputError(
+                f"store {self.path}",
+                "this file holds no chains of structid",
+                "a chain store, or no file",
+                "Name another store; this one is left as it is.",
+            ) from cause
         compare_identity(self.path, found, self.identity)
         ends = np.cumsum(arrays.pop("block_steps"))
         return [

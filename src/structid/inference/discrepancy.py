@@ -73,10 +73,32 @@ class Discrepancy(ABC):
         """
 
     @abstractmethod
+    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Linear map of a residual to independent unit normals, inside JAX.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction, or a sensitivity.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            L⁻¹ r with L Lᵀ the covariance of ε.
+        """
+
+    @abstractmethod
     def draw(
-        self, rng: np.random.Generator, shape: tuple[int, int, int], unknown: Mapping[str, np.ndarray],
+        self,
+        rng: np.random.Generator,
+        shape: tuple[int, int, int],
+        unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
-    ) -> np.ndarray:  # fmt: skip
+    ) -> np.ndarray:
         """Draw ε.
 
         Parameters
@@ -221,10 +243,34 @@ class IID(Discrepancy):
         variance = self._variances(unknown, channels, residual.shape[2], jnp)
         return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
 
+    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+        """Divide by σ; see `Discrepancy.whiten`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction, or a sensitivity.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            r/σ.
+        """
+        from structid.device import jnp
+
+        return residual / jnp.sqrt(self._variances(unknown, channels, residual.shape[2], jnp))
+
     def draw(
-        self, rng: np.random.Generator, shape: tuple[int, int, int], unknown: Mapping[str, np.ndarray],
+        self,
+        rng: np.random.Generator,
+        shape: tuple[int, int, int],
+        unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
-    ) -> np.ndarray:  # fmt: skip
+    ) -> np.ndarray:
         """Draw white noise; see `Discrepancy.draw`.
 
         Parameters

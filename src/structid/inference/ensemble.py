@@ -79,8 +79,12 @@ class AIES:
             if not 0.0 <= getattr(self, name) < 1.0 + (name == "differential_evolution"):
                 raise InputError(f"AIES.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
         if self.settling_steps > int(self.discard * self.steps):
-            raise InputError("AIES.settling_steps", f"{self.settling_steps}", f"at most the {int(self.discard * self.steps)} steps that are discarded",
-                             "Settling is no Markov move: its steps must not be kept.")  # fmt: skip
+            raise InputError(
+                "AIES.settling_steps",
+                f"{self.settling_steps}",
+                f"at most the {int(self.discard * self.steps)} steps that are discarded",
+                "Settling is no Markov move: its steps must not be kept.",
+            )
 
     def describe(self) -> dict[str, float]:
         """Settings that decide the draws: all but the number of steps and what is dropped.
@@ -199,7 +203,11 @@ def starting_state(
         If the density is finite almost nowhere the target suggests.
     """
     if settings.walkers < 2 * target.dimension:
-        raise InputError("AIES.walkers", f"{settings.walkers} for {target.dimension} parameters", f"{2 * target.dimension} or more: an ensemble must span the space")  # fmt: skip
+        raise InputError(
+            "AIES.walkers",
+            f"{settings.walkers} for {target.dimension} parameters",
+            f"{2 * target.dimension} or more: an ensemble must span the space",
+        )
     rng = _stream(seed, "start", 0)
     total = settings.ensembles * settings.walkers
     wanted = total * settings.start_candidates
@@ -288,9 +296,14 @@ def run_block(
 
 
 def _move(
-    rng: np.random.Generator, target: Target, settings: AIES, phi: np.ndarray, density: np.ndarray,
-    moving: slice, resting: slice,
-) -> tuple[np.ndarray, int]:  # fmt: skip
+    rng: np.random.Generator,
+    target: Target,
+    settings: AIES,
+    phi: np.ndarray,
+    density: np.ndarray,
+    moving: slice,
+    resting: slice,
+) -> tuple[np.ndarray, int]:
     """Move one half of every ensemble, in place: one batched call of the target."""
     if rng.random() < settings.differential_evolution:
         proposal, log_factor = differential_proposal(rng, phi[:, moving], phi[:, resting])

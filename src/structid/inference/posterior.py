@@ -79,11 +79,19 @@ class Observation:
                 f"(time, {len(channels)}) for the channels {', '.join(channels)}",
             )
         if len(values) != len(self.record):
-            raise InputError(where, f"{len(values)} samples, and the record has {len(self.record)}", "as many samples as the record",
-                             "Trim or resample the one to the other.")  # fmt: skip
+            raise InputError(
+                where,
+                f"{len(values)} samples, and the record has {len(self.record)}",
+                "as many samples as the record",
+                "Trim or resample the one to the other.",
+            )
         if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > 1e-6:
-            raise InputError(where, f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s", "the record's time step",
-                             "Resample the one to the other.")  # fmt: skip
+            raise InputError(
+                where,
+                f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s",
+                "the record's time step",
+                "Resample the one to the other.",
+            )
         if not np.isfinite(values).all():
             raise InputError(
                 where,
@@ -96,9 +104,15 @@ class Observation:
 
     @classmethod
     def read(
-        cls, record: Excitation, path: str | os.PathLike[str], unit: str, channel: str = "velocity",
-        column: int | None = None, dt: float | None = None, **nuisances: Marginal,
-    ) -> Observation:  # fmt: skip
+        cls,
+        record: Excitation,
+        path: str | os.PathLike[str],
+        unit: str,
+        channel: str = "velocity",
+        column: int | None = None,
+        dt: float | None = None,
+        **nuisances: Marginal,
+    ) -> Observation:
         """Read a measured history from text columns.
 
         Parameters
@@ -180,9 +194,11 @@ class Observation:
             Hashes of record and values, channels and nuisances.
         """
         return {
-            "record": self.record.content_hash, "values": digest(self.values), "channels": list(self.channels),
+            "record": self.record.content_hash,
+            "values": digest(self.values),
+            "channels": list(self.channels),
             "nuisances": {k: v.describe() for k, v in self.nuisances().items()},
-        }  # fmt: skip
+        }
 
 
 def _shifted(response: Any, samples: Any) -> Any:
@@ -301,6 +317,23 @@ class Posterior(Target):
         observation = self.observations[index]
         own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
         return {name: theta[:, self.names.index(self._label(name, index))] for name in own}
+
+    def discrepancy_names(self, index: int) -> tuple[str, ...]:
+        """Names of the discrepancy's parameters for one observation.
+
+        Parameters
+        ----------
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        tuple of str
+            As they stand in `names`.
+        """
+        observation = self.observations[index]
+        own = self.discrepancy.parameters(observation.values, observation.channels)
+        return tuple(self._label(name, index) for name in own)
 
     def model_parameters(self, theta: Any) -> Any:
         """Columns of the model's free parameters.
@@ -623,8 +656,9 @@ class Misfit:
         else:
             full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
             value = sum(
-                (((o.values - p.predict(full, i)) ** 2) * self._weights[i]).sum(axis=(1, 2)) for i, o in enumerate(p.observations)
-            )  # fmt: skip
+                (((o.values - p.predict(full, i)) ** 2) * self._weights[i]).sum(axis=(1, 2))
+                for i, o in enumerate(p.observations)
+            )
         return np.where(np.isfinite(value), value, np.inf)
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -647,8 +681,12 @@ class Misfit:
         """
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         if not isinstance(self._posterior.model, JaxModel):
-            raise InputError("misfit gradient", f"a {type(self._posterior.model).__name__}, which has no derivatives",
-                             "a built-in model or a surrogate", "Use pattern search, which needs none.")  # fmt: skip
+            raise InputError(
+                "misfit gradient",
+                f"a {type(self._posterior.model).__name__}, which has no derivatives",
+                "a built-in model or a surrogate",
+                "Use pattern search, which needs none.",
+            )
         parts = [self._compiled["linearised"](theta[rows], self._posterior._data) for rows in _batches(len(theta), 64)]
         value, gradient, hessian = (np.concatenate(column) for column in zip(*parts, strict=True))
         return value, gradient, hessian

@@ -225,11 +225,17 @@ class SamplingResult:
         q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95]))
         d = list(self._diagnostics.values())
         columns = {
-            "mean": self.mean / factors, "sd": self.sd / factors, "q05": q05 / factors, "median": median / factors,
-            "q95": q95 / factors, "map": self.map_estimate / factors,
-            "r_hat": np.array([x.r_hat for x in d]), "ess_bulk": np.array([x.bulk_size for x in d]),
-            "ess_tail": np.array([x.tail_size for x in d]), "tau": np.array([x.autocorrelation_time for x in d]),
-        }  # fmt: skip
+            "mean": self.mean / factors,
+            "sd": self.sd / factors,
+            "q05": q05 / factors,
+            "median": median / factors,
+            "q95": q95 / factors,
+            "map": self.map_estimate / factors,
+            "r_hat": np.array([x.r_hat for x in d]),
+            "ess_bulk": np.array([x.bulk_size for x in d]),
+            "ess_tail": np.array([x.tail_size for x in d]),
+            "tau": np.array([x.autocorrelation_time for x in d]),
+        }
         return Summary(self.names, tuple(self.target.units.values()), columns)
 
     @cached_property
@@ -240,10 +246,16 @@ class SamplingResult:
         failures = convergence_failures(self._diagnostics, len(accepted), self.sampler.ensembles, stuck)
         unexplained = self._unexplained()
         return Verdict(
-            converged=not failures, failures=tuple(failures), warnings=tuple(self._warnings(unexplained)),
-            parameters=self._diagnostics, acceptance=accepted.mean(axis=0), stuck=stuck,
-            failed_simulations=self.failed_simulations, unexplained=unexplained, kept_steps=len(accepted),
-        )  # fmt: skip
+            converged=not failures,
+            failures=tuple(failures),
+            warnings=tuple(self._warnings(unexplained)),
+            parameters=self._diagnostics,
+            acceptance=accepted.mean(axis=0),
+            stuck=stuck,
+            failed_simulations=self.failed_simulations,
+            unexplained=unexplained,
+            kept_steps=len(accepted),
+        )
 
     def verdict(self) -> Verdict:
         """Say whether the run has converged, and what else the reader must know.
@@ -350,9 +362,10 @@ class SamplingResult:
 
         chains = self.draws
         coordinates = {
-            "chain": np.arange(len(chains)), "draw": np.arange(chains.shape[1]),
+            "chain": np.arange(len(chains)),
+            "draw": np.arange(chains.shape[1]),
             "ensemble": ("chain", np.repeat(np.arange(self.sampler.ensembles), self.sampler.walkers)),
-        }  # fmt: skip
+        }
         dims = ("chain", "draw")
 
         def by_chain(array: np.ndarray) -> np.ndarray:
@@ -375,10 +388,14 @@ class SamplingResult:
             groups |= predictive.arviz_groups(self.target, self.thinned(), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
-            "inference_library": "structid", "inference_library_version": importlib.metadata.version("structid"),
-            "sampler": repr(asdict(self.sampler)), "seed": self.seed, "sampling_time": self.seconds,
-            "converged": int(self.verdict().converged), "verdict": str(self.verdict()),
-        }  # fmt: skip
+            "inference_library": "structid",
+            "inference_library_version": importlib.metadata.version("structid"),
+            "sampler": repr(asdict(self.sampler)),
+            "seed": self.seed,
+            "sampling_time": self.seconds,
+            "converged": int(self.verdict().converged),
+            "verdict": str(self.verdict()),
+        }
         return tree
 
     def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:

@@ -21,7 +21,6 @@ from structid.inference.ensemble import (
 )
 from structid.inference.result import SamplingResult
 from structid.inference.target import Target
-from structid.journal import digest
 from structid.models.base import Progress
 
 
@@ -105,8 +104,13 @@ def _result(target: Target, sampler: AIES, seed: int, blocks: list[Block]) -> Sa
     phi = joined["phi"]
     theta, jacobian = target.bijection(phi.reshape(-1, phi.shape[-1]))
     return SamplingResult(
-        target=target, sampler=sampler, seed=seed, history=theta.reshape(phi.shape),
+        target=target,
+        sampler=sampler,
+        seed=seed,
+        history=theta.reshape(phi.shape),
         log_density=joined["log_density"] - jacobian.reshape(phi.shape[:-1]),
-        coordinate_log_density=joined["log_density"], accepted=joined["accepted"],
-        failed_simulations=int(joined["failed"].sum()), seconds=float(joined["seconds"].sum()),
-    )  # fmt: skip
+        coordinate_log_density=joined["log_density"],
+        accepted=joined["accepted"],
+        failed_simulations=int(joined["failed"].sum()),
+        seconds=float(joined["seconds"].sum()),
+    )

@@ -79,8 +79,11 @@ class Model(ABC):
             return np.asarray(design.columns(self.free), dtype=np.float64)
         theta = np.asarray(design, dtype=np.float64)
         if theta.ndim != 2 or theta.shape[1] != len(self.free):
-            raise InputError("parameters", f"an array of shape {theta.shape}",
-                             f"(run, {len(self.free)}) with the columns {', '.join(self.free) or '(none: every parameter is fixed)'}")  # fmt: skip
+            raise InputError(
+                "parameters",
+                f"an array of shape {theta.shape}",
+                f"(run, {len(self.free)}) with the columns {', '.join(self.free) or '(none: every parameter is fixed)'}",
+            )
         return theta
 
     def check_names(self, sampled: tuple[str, ...], all_names: tuple[str, ...]) -> None:
@@ -98,13 +101,21 @@ class Model(ABC):
         """
         for name in self.free:
             if name not in all_names:
-                raise InputError(f"{type(self).__name__}.free", f"'{name}' has no prior", ", ".join(all_names) or "nothing",
-                                 suggestion(name, all_names) or "Give it a prior, or a value in the model.")  # fmt: skip
+                raise InputError(
+                    f"{type(self).__name__}.free",
+                    f"'{name}' has no prior",
+                    ", ".join(all_names) or "nothing",
+                    suggestion(name, all_names) or "Give it a prior, or a value in the model.",
+                )
         if set(sampled) == set(all_names):
             for name in sampled:
                 if name not in self.free:
-                    raise InputError("parameter space", f"'{name}' is no free parameter of this {type(self).__name__}",
-                                     ", ".join(self.free) or "none", suggestion(name, self.free) or "Remove it, or name it in free.")  # fmt: skip
+                    raise InputError(
+                        "parameter space",
+                        f"'{name}' is no free parameter of this {type(self).__name__}",
+                        ", ".join(self.free) or "none",
+                        suggestion(name, self.free) or "Remove it, or name it in free.",
+                    )
 
 
 class JaxModel(Model):

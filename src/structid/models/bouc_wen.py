@@ -20,18 +20,42 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PARAMETER_UNITS = {
-    "mass": "kg", "stiffness": "N/m", "damping_ratio": "", "damping": "N*s/m", "alpha": "",
-    "beta": "1/m", "gamma": "1/m", "gamma_ratio": "", "exponent": "", "amplitude": "",
-    "delta_a": "kg/J", "delta_nu": "kg/J", "delta_eta": "kg/J",
-    "zeta0": "", "p": "kg/J", "q": "", "psi0": "m", "delta_psi": "m*kg/J", "lambda_": "",
-    "initial_displacement": "m", "initial_velocity": "m/s", "initial_hysteretic_displacement": "m",
-}  # fmt: skip
+    "mass": "kg",
+    "stiffness": "N/m",
+    "damping_ratio": "",
+    "damping": "N*s/m",
+    "alpha": "",
+    "beta": "1/m",
+    "gamma": "1/m",
+    "gamma_ratio": "",
+    "exponent": "",
+    "amplitude": "",
+    "delta_a": "kg/J",
+    "delta_nu": "kg/J",
+    "delta_eta": "kg/J",
+    "zeta0": "",
+    "p": "kg/J",
+    "q": "",
+    "psi0": "m",
+    "delta_psi": "m*kg/J",
+    "lambda_": "",
+    "initial_displacement": "m",
+    "initial_velocity": "m/s",
+    "initial_hysteretic_displacement": "m",
+}
 """SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
 
 CHANNELS = (
-    "displacement", "velocity", "relative_acceleration", "absolute_acceleration", "restoring_force",
-    "hysteretic_displacement", "hysteretic_energy", "elastic_energy", "absorbed_energy",
-)  # fmt: skip
+    "displacement",
+    "velocity",
+    "relative_acceleration",
+    "absolute_acceleration",
+    "restoring_force",
+    "hysteretic_displacement",
+    "hysteretic_energy",
+    "elastic_energy",
+    "absorbed_energy",
+)
 """What may be recorded."""
 
 DEFAULT_SUBSTEPS = 3
@@ -143,7 +167,11 @@ class BoucWen(JaxModel):
     def _check_complete(self) -> None:
         for name in _REQUIRED:
             if not self._given(name):
-                raise InputError(f"BoucWen.{name}", "it has no value and is not free", f"a number in {PARAMETER_UNITS[name] or '-'}, or its name in free")  # fmt: skip
+                raise InputError(
+                    f"BoucWen.{name}",
+                    "it has no value and is not free",
+                    f"a number in {PARAMETER_UNITS[name] or '-'}, or its name in free",
+                )
         for first, second in _EITHER:
             if self._given(first) and self._given(second):
                 raise InputError(
@@ -161,13 +189,20 @@ class BoucWen(JaxModel):
             if value is not None and name not in self.free and value <= 0.0:
                 raise InputError(f"BoucWen.{name}", f"{value:g}", "a positive number")
         if self.zeta0 >= 1.0:
-            raise InputError("BoucWen.zeta0", f"{self.zeta0:g}", "a number below 1",
-                             "At 1 the spring loses all stiffness in the pinched range; the source's 1 is read as 0.95.")  # fmt: skip
+            raise InputError(
+                "BoucWen.zeta0",
+                f"{self.zeta0:g}",
+                "a number below 1",
+                "At 1 the spring loses all stiffness in the pinched range; the source's 1 is read as 0.95.",
+            )
         if (self.zeta0 != 0.0 or "zeta0" in self.free) and any(
             getattr(self, name) <= 0.0 and name not in self.free for name in ("p", "psi0", "lambda_")
         ):
-            raise InputError("BoucWen pinching", f"zeta0 with p = {self.p:g}, psi0 = {self.psi0:g}, lambda_ = {self.lambda_:g}",
-                             "positive p, psi0 and lambda_ wherever zeta0 is not 0")  # fmt: skip
+            raise InputError(
+                "BoucWen pinching",
+                f"zeta0 with p = {self.p:g}, psi0 = {self.psi0:g}, lambda_ = {self.lambda_:g}",
+                "positive p, psi0 and lambda_ wherever zeta0 is not 0",
+            )
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -202,9 +237,13 @@ class BoucWen(JaxModel):
         values = self._values(theta)
         equations = _Equations(values, self.channels, excitation.kind)
         final, seen = integrate(
-            equations.rate, equations.inputs(excitation.dt / self.substeps), equations.observe,
-            equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])), stages, excitation.dt,
-        )  # fmt: skip
+            equations.rate,
+            equations.inputs(excitation.dt / self.substeps),
+            equations.observe,
+            equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])),
+            stages,
+            excitation.dt,
+        )
         return seen[excitation.dropped_samples :], jnp.isfinite(sum(final.values()))
 
     @property
@@ -229,17 +268,24 @@ class BoucWen(JaxModel):
         """
         loose = [n for n in ("mass", "stiffness", "damping_ratio", "damping") if n in self.free]
         if loose:
-            raise InputError("BoucWen.properties", f"{', '.join(loose)} free", "a model whose mass, stiffness and damping are numbers",
-                             "Fix them with BoucWen.fixed(...).")  # fmt: skip
+            raise InputError(
+                "BoucWen.properties",
+                f"{', '.join(loose)} free",
+                "a model whose mass, stiffness and damping are numbers",
+                "Fix them with BoucWen.fixed(...).",
+            )
         assert self.mass is not None and self.stiffness is not None
         omega = float(np.sqrt(self.stiffness / self.mass))
         zeta = self.damping_ratio or 0.0
         if self.damping is not None:
             zeta = self.damping / (2.0 * self.mass * omega)
         return {
-            "f": omega / (2 * np.pi), "T": 2 * np.pi / omega, "omega_n": omega,
-            "omega_d": omega * float(np.sqrt(max(1.0 - zeta**2, 0.0))), "c": 2.0 * zeta * omega * self.mass,
-        }  # fmt: skip
+            "f": omega / (2 * np.pi),
+            "T": 2 * np.pi / omega,
+            "omega_n": omega,
+            "omega_d": omega * float(np.sqrt(max(1.0 - zeta**2, 0.0))),
+            "c": 2.0 * zeta * omega * self.mass,
+        }
 
     def fixed(self, **values: float) -> BoucWen:
         """Return this model with some of its free parameters fixed.
@@ -459,8 +505,12 @@ def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str
     names = (free,) if isinstance(free, str) else tuple(free)
     for name in names:
         if name not in known_names:
-            raise InputError(f"{model}.free", f"the parameter '{name}', which the model lacks", ", ".join(known_names),
-                             suggestion(name, known_names))  # fmt: skip
+            raise InputError(
+                f"{model}.free",
+                f"the parameter '{name}', which the model lacks",
+                ", ".join(known_names),
+                suggestion(name, known_names),
+            )
     if len(set(names)) < len(names):
         raise InputError(f"{model}.free", f"{list(names)}", "each name once")
     return names

@@ -90,12 +90,15 @@ class OptimizeResult:
         for minimum in self.minima:
             shown = minimum.theta / self.factors
             lines.append(
-                "  ".join([
-                    f"{minimum.value / self.scale:16.6g}", f"{minimum.starts:6d}",
-                    *(f"{v:{max(14, len(h))}.8g}" for v, h in zip(shown, heads, strict=True)),
-                    ", ".join(minimum.on_boundary) or "-",
-                ])
-            )  # fmt: skip
+                "  ".join(
+                    [
+                        f"{minimum.value / self.scale:16.6g}",
+                        f"{minimum.starts:6d}",
+                        *(f"{v:{max(14, len(h))}.8g}" for v, h in zip(shown, heads, strict=True)),
+                        ", ".join(minimum.on_boundary) or "-",
+                    ]
+                )
+            )
         return "\n".join(lines)
 
     def to_text(self, path: str | os.PathLike[str]) -> Path:
@@ -147,6 +150,13 @@ def collect(
         minima.append(Minimum(where.to_theta(x[centre]), float(values[centre]), len(same), tuple(at)))
         left = [i for i in left if i not in same]
     return OptimizeResult(
-        method, objective.names, tuple(minima), evaluations, objective.scale, where.to_theta(x), values,
-        objective.space.units, objective.space.factors,
-    )  # fmt: skip
+        method,
+        objective.names,
+        tuple(minima),
+        evaluations,
+        objective.scale,
+        where.to_theta(x),
+        values,
+        objective.space.units,
+        objective.space.factors,
+    )

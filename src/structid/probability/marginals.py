@@ -58,8 +58,12 @@ class Marginal:
     def __post_init__(self) -> None:
         factor(self.unit)
         if not self.low < self.high:
-            raise InputError(f"{self.family}(low, high)", f"low = {self.low:g} and high = {self.high:g}", "low < high",
-                             "Exchange them.")  # fmt: skip
+            raise InputError(
+                f"{self.family}(low, high)",
+                f"low = {self.low:g} and high = {self.high:g}",
+                "low < high",
+                "Exchange them.",
+            )
         if not self._mass > SMALLEST_MASS:
             raise InputError(
                 f"{self.family}(low, high)",
@@ -67,7 +71,7 @@ class Marginal:
                 f"and sd {self.base.std():g}",
                 f"a truncation that keeps more than {SMALLEST_MASS:g} of it",
                 "Check the units of the bounds and of the moments.",
-            )  # fmt: skip
+            )
 
     # --- SI face ------------------------------------------------------------------------------------------------
 
@@ -298,8 +302,12 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
         The distribution.
     """
     if not (np.isfinite(low) and np.isfinite(high) and low < high):
-        raise InputError("Uniform(low, high)", f"low = {low:g} and high = {high:g}", "finite numbers with low < high",
-                         "Exchange them.")  # fmt: skip
+        raise InputError(
+            "Uniform(low, high)",
+            f"low = {low:g} and high = {high:g}",
+            "finite numbers with low < high",
+            "Exchange them.",
+        )
     base = scipy.stats.uniform(low, high - low)
     return Marginal("Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit)
 
@@ -489,7 +497,9 @@ def Weibull(
     assert shape is not None and scale is not None
     _positive("Weibull", shape=shape, scale=scale)
     parameters = {"scale": float(scale), "concentration": float(shape)}
-    return Marginal("Weibull", scipy.stats.weibull_min(shape, scale=scale), "Weibull", parameters, *_bounds(low, high), unit)  # fmt: skip
+    return Marginal(
+        "Weibull", scipy.stats.weibull_min(shape, scale=scale), "Weibull", parameters, *_bounds(low, high), unit
+    )
 
 
 def Gumbel(

@@ -126,8 +126,12 @@ class ParameterSpace:
     ) -> None:
         for name, marginal in marginals.items():
             if not isinstance(marginal, Marginal):
-                raise InputError(f"ParameterSpace({name})", f"{marginal!r}", "a distribution such as Uniform(0.0, 1.0)",
-                                 "A known value belongs into the model, not into the space.")  # fmt: skip
+                raise InputError(
+                    f"ParameterSpace({name})",
+                    f"{marginal!r}",
+                    "a distribution such as Uniform(0.0, 1.0)",
+                    "A known value belongs into the model, not into the space.",
+                )
         self.marginals: dict[str, Marginal] = dict(marginals)
         self._correlation = self._correlation_matrix(correlation)
         self._derived_source = dict(derived or {})
@@ -227,8 +231,12 @@ class ParameterSpace:
                 f"a symmetric {shape} matrix with ones on its diagonal",
             )
         if np.linalg.eigvalsh(matrix).min() <= 1e-10:
-            raise InputError("correlation", f"a matrix whose smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():.2g}",
-                             "a positive definite one", "Weaken the correlations: together they contradict one another.")  # fmt: skip
+            raise InputError(
+                "correlation",
+                f"a matrix whose smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():.2g}",
+                "a positive definite one",
+                "Weaken the correlations: together they contradict one another.",
+            )
         return matrix
 
     def _derivation(self, name: str, source: Derivation | str) -> Derivation:
@@ -287,8 +295,12 @@ class ParameterSpace:
         """
         missing = [n for n in names if n not in self.all_names]
         if missing:
-            raise InputError("parameters", f"'{missing[0]}' is asked for", ", ".join(self.all_names),
-                             suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model.")  # fmt: skip
+            raise InputError(
+                "parameters",
+                f"'{missing[0]}' is asked for",
+                ", ".join(self.all_names),
+                suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model.",
+            )
         if tuple(names) == self.names:
             return theta
         if isinstance(theta, np.ndarray) and not self._derived:

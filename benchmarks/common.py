@@ -1,0 +1,180 @@
+"""What the benchmarks share: interleaved timing, the machine, results on disk, the study they all use."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import os
+import platform
+import re
+import statistics
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+# One thread for every peer: structid alone spreads a batch over the cores, and says so in the tables.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
+import numpy as np  # noqa: E402
+
+import structid as si  # noqa: E402
+
+ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
+
+
+# --- command line and places ------------------------------------------------------------------------------------
+
+
+def is_quick(description: str) -> bool:
+    """Read the command line: `--quick` is the only option."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument("--quick", action="store_true", help="few repeats; leaves docs/ alone")
+    return bool(parser.parse_args().quick)
+
+
+def documents(quick: bool) -> Path:
+    """Return where tables and figures go: a quick run must not overwrite published numbers."""
+    folder = RESULTS / "quick" if quick else ROOT / "docs"
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+# --- timing -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Wall-clock seconds of every repeat of one callable."""
+
+    seconds: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Median of the repeats [s]."""
+        return statistics.median(self.seconds)
+
+    @property
+    def spread(self) -> float:
+        """Largest minus smallest repeat, over the median."""
+        return (max(self.seconds) - min(self.seconds)) / self.median
+
+
+def interleaved(callables: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, Timing]:
+    """Time several callables in turns, so that a disturbance of the machine meets all of them alike.
+
+    Every other round runs backwards, so that nobody always follows the same neighbour. Nothing is warmed up here.
+    """
+    seconds: dict[str, list[float]] = {name: [] for name in callables}
+    for repeat in range(repeats):
+        names = list(callables) if repeat % 2 == 0 else list(callables)[::-1]
+        for name in names:
+            gc.collect()
+            began = time.perf_counter()
+            callables[name]()
+            seconds[name].append(time.perf_counter() - began)
+    return {name: Timing(tuple(values)) for name, values in seconds.items()}
+
+
+def growth_exponent(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
+    """Least-squares slope of log time over log size, and the slope of the last interval alone."""
+    x, y = np.log(np.asarray(sizes, dtype=float)), np.log(np.asarray(seconds, dtype=float))
+    return float(np.polyfit(x, y, 1)[0]), float((y[-1] - y[-2]) / (x[-1] - x[-2]))
+
+
+# --- the machine ------------------------------------------------------------------------------------------------
+
+
+def machine(*packages: str) -> str:
+    """One line: processor, cores, load, versions."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    load = f"{os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else "?"
+    names = ("structid", "jax", "numpy", "scipy", *packages)
+    versions = ", ".join(f"{name} {_version(name)}" for name in names)
+    return f"{_processor()}, {cores} cores (load {load}), Python {platform.python_version()}, {versions}"
+
+
+def _processor() -> str:
+    path = Path("/proc/cpuinfo")
+    found = re.search(r"model name\s*:\s*(.+)", path.read_text()) if path.exists() else None
+    return found.group(1).strip() if found else platform.processor() or platform.machine()
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "missing"
+
+
+# --- results ----------------------------------------------------------------------------------------------------
+
+
+def record_result(name: str, **values: Any) -> None:
+    """Append one JSON line to `benchmarks/results/<name>.jsonl`."""
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    row = {"when": time.strftime("%Y-%m-%dT%H:%M:%S%z"), **values}
+    with (RESULTS / f"{name}.jsonl").open("a", encoding="utf-8") as file:
+        file.write(json.dumps(row, default=float, ensure_ascii=False) + "\n")
+
+
+def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a markdown table; the first column is left-aligned, the others right-aligned."""
+    ruler = ["---", *["---:"] * (len(header) - 1)]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in (header, ruler, *rows))
+
+
+def write_section(page: Path, name: str, text: str) -> None:
+    """Replace what stands between `<!-- name:start -->` and `<!-- name:end -->`, or append it with its markers."""
+    start, end = f"<!-- {name}:start -->", f"<!-- {name}:end -->"
+    section = f"{start}\n{text.strip()}\n{end}"
+    old = page.read_text(encoding="utf-8") if page.exists() else "# Benchmarks\n"
+    if start in old and end in old:
+        before, rest = old.split(start, 1)
+        new = before + section + rest.split(end, 1)[1]
+    else:
+        new = old.rstrip() + "\n\n" + section + "\n"
+    page.write_text(new, encoding="utf-8")
+
+
+# --- the study --------------------------------------------------------------------------------------------------
+
+MASS, STIFFNESS, DAMPING_RATIO, ALPHA, BETA, GAMMA = 12_000.0, 7.6e6, 0.03, 0.05, 63.0, 63.0
+DELTA_NU, DELTA_ETA = 2.43, 6.5
+STUDY_PGA = 1.8
+NOISE = 0.02
+"""White noise of the measurement over the RMS of the response."""
+
+
+def study_record(duration: float, pga: float) -> si.GroundMotion:
+    """Return the synthetic record of the benchmarks, low-passed at 20 Hz and scaled."""
+    return si.GroundMotion.synthetic(seed=7, duration=duration).lowpass(20.0).scale_to_pga(pga)
+
+
+def degrading_oscillator(**settings: Any) -> si.BoucWen:
+    """Return the oscillator that makes the data: exponent 1, degrading, not pinching."""
+    values = {
+        "mass": MASS, "stiffness": STIFFNESS, "damping_ratio": DAMPING_RATIO, "alpha": ALPHA,
+        "beta": BETA, "gamma_ratio": GAMMA / BETA, "delta_nu": DELTA_NU, "delta_eta": DELTA_ETA,
+    }  # fmt: skip
+    return si.BoucWen(**(values | settings))
+
+
+def study_posterior(record: si.GroundMotion, substeps: int) -> si.Posterior:
+    """Return the posterior of the oscillator without degradation, given the noisy velocity of the degrading one."""
+    velocity = degrading_oscillator(substeps=4).simulate(np.zeros((1, 0)), record).channel("velocity")[0]
+    noise = np.random.default_rng(11).standard_normal(velocity.size)
+    measured = velocity + NOISE * np.sqrt(np.mean(velocity**2)) * noise
+    space = si.ParameterSpace(
+        stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
+        beta=si.Uniform(55.0, 65.0, unit="1/m"),
+        gamma_ratio=si.Uniform(-1.0, 1.0),
+        alpha=si.LogNormal(0.063, 0.01, high=1.0),
+    )
+    model = si.BoucWen(mass=MASS, damping_ratio=DAMPING_RATIO, free=space.names, substeps=substeps)
+    return si.Posterior(space, model, si.Observation(record, measured), si.IID())

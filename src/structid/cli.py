@@ -1,0 +1,208 @@
+"""The command line: demo, run, check, report, new. It owns the screen; nothing below it prints."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+
+from structid.errors import InputError, StructidError
+
+if TYPE_CHECKING:
+    from structid.study.build import BuiltStudy
+    from structid.study.run import Outcome
+
+DONE, FAILED, WRONG_INPUT, NOT_CONVERGED = 0, 1, 2, 3
+"""Exit codes."""
+
+TEMPLATES = ("bouc_wen", "shear_frame")
+"""Studies that ship with the package."""
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Bayesian structural identification: from a measured response history to a posterior one can trust.",
+)
+screen = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+
+def template(name: str) -> str:
+    """Text of a packaged study.
+
+    Parameters
+    ----------
+    name : str
+        One of `TEMPLATES`.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
+    return (resources.files("structid") / "study" / "templates" / f"{name}.toml").read_text(encoding="utf-8")
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("demo"),
+) -> None:
+    """Run the packaged study on a record made on the spot: data, calibration, report."""
+    study = out.parent / f"{out.name}.toml"
+    finished = (out / "identity.json").is_file()
+    if not finished:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        study.write_text(template("bouc_wen"), encoding="utf-8")
+    _run(study if study.is_file() else out / "study.toml", out, resume=finished)
+
+
+@app.command()
+def run(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    out: Annotated[Path, typer.Option(help="Folder for everything it makes.")],
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in that folder.")] = False,
+) -> None:
+    """Run a study: deterministic calibration, sampling, prediction, report."""
+    _run(study, out, resume)
+
+
+@app.command()
+def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
+    """Say everything that is wrong with a study and what it will cost, without running it."""
+    from structid.study.cost import estimate
+    from structid.study.run import load
+
+    built = load(study)
+    _describe(built)
+    with screen.status("timing the model"):
+        cost = estimate(built)
+    screen.print(str(cost))
+    screen.print(f"[bold green]{study} is in order.[/]")
+
+
+@app.command()
+def report(folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled.")]) -> None:
+    """Write the report again from what is stored."""
+    from structid.study.run import report_again
+
+    _finish(report_again(folder, stage))
+
+
+@app.command()
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the study; NAME.toml is written here.")],
+    like: Annotated[
+        str, typer.Option(help=f"Which packaged study to start from: {', '.join(TEMPLATES)}.")
+    ] = "bouc_wen",
+) -> None:
+    """Write a study file to start from."""
+    from structid.errors import check_choice
+
+    check_choice("--like", like, TEMPLATES)
+    path = Path(name if name.endswith(".toml") else f"{name}.toml")
+    if path.exists():
+        raise InputError(f"{path}", "it exists already", "a new name", "Choose another name, or remove the file.")
+    text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
+    path.write_text(text, encoding="utf-8")
+    screen.print(f"Wrote {path}. Edit it, then: structid check {path}")
+
+
+@contextmanager
+def stage(name: str) -> Iterator[Any]:
+    """Open a progress bar with rate and time left.
+
+    Parameters
+    ----------
+    name : str
+        What is going on.
+
+    Yields
+    ------
+    callable
+        To be told how much is done, of how much.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=screen) as bar:
+        task = bar.add_task(name, total=None, rate="")
+
+        def told(done: int, total: int) -> None:
+            speed = bar.tasks[0].speed
+            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+
+        yield told
+        total = bar.tasks[0].total or 1
+        bar.update(task, completed=total, total=total)
+
+
+def _run(study: Path, out: Path, resume: bool) -> None:
+    from structid.study.run import run_study
+
+    screen.print(f"[bold]structid[/] {study} → {out}")
+    _finish(run_study(study, out, resume, stage))
+
+
+def _describe(built: BuiltStudy) -> None:
+    posterior = built.posterior
+    screen.print(str(built.record), markup=False)
+    screen.print(str(posterior.model), markup=False)
+    screen.print(repr(posterior.space), markup=False)
+
+
+def _finish(outcome: Outcome) -> None:
+    """Say what came out; the exit code says whether to believe it."""
+    screen.print()
+    screen.print(str(outcome.result.summary()), markup=False, soft_wrap=True)
+    screen.print()
+    verdict = outcome.result.verdict()
+    screen.print(str(verdict), style="green" if verdict.converged else "bold red", markup=False, soft_wrap=True)
+    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    if not verdict.converged:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def main() -> None:
+    """Run the command line; a user's mistake is one paragraph and exit code 2."""
+    try:
+        app(standalone_mode=False)
+    except typer.Exit as stop:
+        sys.exit(stop.exit_code)
+    except InputError as mistake:
+        errors.print(str(mistake), style="red", markup=False, soft_wrap=True)
+        sys.exit(WRONG_INPUT)
+    except StructidError as failure:
+        errors.print(str(failure), style="red", markup=False, soft_wrap=True)
+        sys.exit(FAILED)
+    except KeyboardInterrupt:
+        errors.print(
+            "\nStopped. What is finished is on disk: run the same command with --resume to go on.", style="yellow"
+        )
+        sys.exit(FAILED)
+    except Exception as problem:
+        if hasattr(problem, "show") and hasattr(problem, "exit_code"):  # a mistake on the command line itself
+            problem.show()
+            sys.exit(WRONG_INPUT)
+        raise

@@ -1,0 +1,308 @@
+"""Figures of a posterior: marginals, pairs, traces, acceptance, identifiability."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.figures.style import (
+    ACCENT,
+    CYCLE,
+    MODEL,
+    MUTED,
+    PRIOR,
+    canvas,
+    density,
+    finish,
+    pretty,
+    pretty_unit,
+    styled,
+    thin,
+)
+from structid.units import label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def _label(name: str, unit: str) -> str:
+    return label(pretty(name), pretty_unit(unit))
+
+
+@styled
+def marginals(
+    names: Sequence[str],
+    units: Sequence[str],
+    prior: np.ndarray,
+    posterior: np.ndarray,
+    supports: Sequence[tuple[float, float]],
+    best: np.ndarray,
+    truth: dict[str, float] | None = None,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw prior samples and posterior marginals.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        Parameters and their units.
+    prior, posterior : ndarray, shape (draw, parameter)
+        Draws in display units.
+    supports : sequence of pair of float
+        Bounds in display units.
+    best : ndarray, shape (parameter,)
+        MAP estimate in display units.
+    truth : dict of str to float, optional
+        True values of a virtual experiment, in display units.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        For each parameter the prior's range, and the posterior enlarged.
+    """
+    truth = truth or {}
+    count = len(names)
+    figure, axes = canvas(count, 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        draws, before = posterior[:, i], prior[:, i]
+        wide, close = axes[i]
+        low, high = supports[i]
+        p_low, p_high = np.quantile(before, [0.001, 0.999])
+        d_low, d_high = np.quantile(draws, [0.0005, 0.9995])
+        span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
+        wide.hist(
+            before, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples"
+        )
+        wide.plot(span, density(before, span, low, high), color=PRIOR, label="prior")
+        twin = wide.twinx()
+        twin.fill_between(span, density(draws, span, low, high), color=MODEL, alpha=0.7, lw=0)
+        twin.set_ylim(bottom=0.0)
+        for axis in (wide, twin):
+            axis.set_yticks([])
+            axis.grid(False)
+        margin = 0.25 * (d_high - d_low)
+        near = np.linspace(max(d_low - margin, low), min(d_high + margin, high), 400)
+        close.fill_between(near, density(draws, near, low, high), color=MODEL, alpha=0.35, lw=0, label="posterior")
+        close.plot(near, density(before, near, low, high), color=PRIOR, label="prior")
+        close.axvline(best[i], color=MODEL, lw=1.0, label="MAP")
+        if name in truth and near[0] <= truth[name] <= near[-1]:
+            close.axvline(truth[name], color="k", lw=0.8, ls=":", label="truth")
+        if name in truth and span[0] <= truth[name] <= span[-1]:
+            wide.axvline(truth[name], color="k", lw=0.8, ls=":")
+        close.set_yticks([])
+        close.set_ylim(bottom=0.0)
+        for axis in (wide, close):
+            axis.set_xlabel(_label(name, unit))
+            axis.locator_params(axis="x", nbins=5)
+            axis.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
+    axes[0, 0].set_title("the prior's range: prior grey, posterior red", loc="left")
+    axes[0, 1].set_title("where the posterior is", loc="left")
+    axes[0, 1].legend(loc="upper left")
+    return finish(figure, title, save)
+
+
+@styled
+def pairs(
+    names: Sequence[str],
+    units: Sequence[str],
+    draws: np.ndarray,
+    best: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw every pair of parameters: density below the diagonal, correlation above it.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        Parameters and their units.
+    draws : ndarray, shape (draw, parameter)
+        In display units.
+    best : ndarray, shape (parameter,)
+        MAP estimate.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        A square of panels.
+    """
+    count = len(names)
+    figure, axes = canvas(count, count, height=7.4 / count)
+    correlation = np.atleast_2d(np.corrcoef(draws.T))
+    limits = np.quantile(draws, [0.001, 0.999], axis=0)
+    for i in range(count):
+        for j in range(count):
+            axis = axes[i, j]
+            axis.grid(False)
+            if j > i:
+                _correlation_cell(axis, float(correlation[i, j]))
+                continue
+            if i == j:
+                axis.hist(draws[:, i], bins=40, range=tuple(limits[:, i]), color=MODEL, alpha=0.6)
+                axis.set_yticks([])
+            else:
+                axis.hist2d(draws[:, j], draws[:, i], bins=40, range=[limits[:, j], limits[:, i]], cmap="YlOrBr")
+                axis.plot(best[j], best[i], "+", color="k", ms=7)
+                axis.set_ylim(*limits[:, i])
+            axis.set_xlim(*limits[:, j])
+            axis.ticklabel_format(useOffset=False, scilimits=(-3, 4), useMathText=True)
+            axis.locator_params(nbins=3)
+            axis.tick_params(labelsize=6.5, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
+            if i == count - 1:
+                axis.tick_params(axis="x", rotation=30)
+                axis.set_xlabel(_label(names[j], units[j]), fontsize=7.5)
+            if j == 0:
+                axis.set_ylabel(_label(names[i], units[i]), fontsize=7.5)
+    return finish(figure, title, save)
+
+
+def _correlation_cell(axis: Any, value: float) -> None:
+    axis.text(
+        0.5, 0.5, f"{value:+.2f}", ha="center", va="center", transform=axis.transAxes, alpha=0.35 + 0.65 * abs(value)
+    )
+    axis.set_xticks([])
+    axis.set_yticks([])
+    for spine in axis.spines.values():
+        spine.set_visible(False)
+
+
+@styled
+def traces(
+    names: Sequence[str],
+    units: Sequence[str],
+    history: np.ndarray,
+    discarded: int,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw walkers and ensemble means against the step.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        Parameters and their units.
+    history : ndarray, shape (step, ensemble, walker, parameter)
+        All draws in display units.
+    discarded : int
+        Steps dropped at the start.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        A panel for each parameter.
+    """
+    figure, axes = canvas(len(names), 1, height=1.35, sharex=True)
+    steps = np.arange(len(history))[thin(len(history), 600)]
+    for i, axis in enumerate(axes[:, 0]):
+        for e in range(history.shape[1]):
+            colour = CYCLE[e % len(CYCLE)]
+            axis.plot(steps, history[steps, e, :: max(1, history.shape[2] // 6), i], color=colour, lw=0.25, alpha=0.35)
+            axis.plot(steps, history[steps, e, :, i].mean(axis=1), color=colour, lw=1.1)
+        axis.axvspan(0, discarded, color="#eeeeee", zorder=0, lw=0)
+        kept = history[discarded:, :, :, i]
+        low, high = np.quantile(kept, [0.0005, 0.9995])
+        axis.set_ylim(low - 0.6 * (high - low), high + 0.6 * (high - low))
+        axis.set_ylabel(_label(names[i], units[i]), fontsize=8)
+    axes[0, 0].set_title("thin: walkers; thick: mean of each ensemble; grey: discarded", loc="left")
+    axes[-1, 0].set_xlabel("step")
+    axes[-1, 0].set_xlim(0, len(history))
+    return finish(figure, title, save)
+
+
+@styled
+def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw the acceptance rate of every walker.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (ensemble, walker)
+        Acceptance rates.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    figure, axes = canvas(1, 1, height=1.9)
+    axis = axes[0, 0]
+    walkers = rates.shape[1]
+    for e, row in enumerate(rates):
+        axis.bar(
+            np.arange(walkers) + e * walkers, row, width=1.0, color=CYCLE[e % len(CYCLE)], label=f"ensemble {e + 1}"
+        )
+    axis.axhline(np.median(rates), color="k", lw=0.8, ls=":")
+    axis.set_ylim(0.0, max(1.15 * rates.max(), 0.05))
+    axis.set_xlim(-0.5, rates.size - 0.5)
+    axis.set_xlabel("walker")
+    axis.set_ylabel("acceptance rate")
+    if len(rates) <= 8:
+        axis.legend(ncol=4, loc="upper right")
+    return finish(figure, title, save)
+
+
+@styled
+def identifiability(
+    names: Sequence[str],
+    eigenvalues: np.ndarray,
+    eigenvectors: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the information the data hold on each combination of parameters.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parameters.
+    eigenvalues : ndarray, shape (combination,)
+        Information relative to the prior's, falling.
+    eigenvectors : ndarray, shape (parameter, combination)
+        The combinations, in prior standard deviations.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
+    figure, axes = canvas(1, 2, height=2.6)
+    index = np.arange(len(eigenvalues))
+    shown = np.maximum(eigenvalues, 1e-6)
+    axes[0, 0].bar(index, shown, color=[ACCENT if v >= 1.0 else MODEL for v in eigenvalues])
+    axes[0, 0].axhline(1.0, color="k", lw=0.8, ls=":")
+    axes[0, 0].set_yscale("log")
+    axes[0, 0].set_ylabel("information, in units of the prior's")
+    axes[0, 0].set_xticks(index, [str(i + 1) for i in index])
+    axes[0, 0].set_xlabel("combination")
+    axes[0, 0].set_title("below the dotted line the prior knows more", loc="left")
+    signs = np.sign(eigenvectors[np.argmax(np.abs(eigenvectors), axis=0), index])
+    picture = axes[0, 1].imshow(eigenvectors * signs, cmap="RdBu_r", vmin=-1, vmax=1, aspect="auto")
+    axes[0, 1].grid(False)
+    axes[0, 1].set_yticks(index, [pretty(n) for n in names])
+    axes[0, 1].set_xticks(index, [str(i + 1) for i in index])
+    axes[0, 1].set_xlabel("combination")
+    figure.colorbar(picture, ax=axes[0, 1], label="weight, in prior sds")
+    return finish(figure, title, save)

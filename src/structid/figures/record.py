@@ -1,0 +1,128 @@
+"""Figures of a ground motion: record, Fourier amplitude, response spectrum, filter tuning."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@styled
+def record(
+    time: np.ndarray,
+    acceleration: np.ndarray,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+    period: np.ndarray,
+    pseudo_acceleration: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a record, its Fourier amplitude and its response spectrum.
+
+    Parameters
+    ----------
+    time, acceleration : ndarray, shape (time,)
+        [s], [m/s²].
+    frequency, amplitude : ndarray, shape (frequency,)
+        [Hz], [m/s].
+    period, pseudo_acceleration : ndarray, shape (period,)
+        [s], [m/s²].
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Three panels.
+    """
+    figure, axes = canvas(2, 2, height=2.3)
+    for axis in axes[0]:
+        axis.remove()
+    top = figure.add_subplot(axes[0, 0].get_gridspec()[0, :])
+    top.plot(time, acceleration, color=ACCENT, lw=0.7)
+    peak = int(np.argmax(np.abs(acceleration)))
+    top.plot(time[peak], acceleration[peak], "o", color=MODEL, ms=4)
+    # The words stand on the side of the record where there is room.
+    right = time[peak] < 0.6 * time[-1]
+    top.annotate(
+        f"PGA {abs(acceleration[peak]):.3g} m/s²", (time[peak], acceleration[peak]), xytext=(8 if right else -8, 0),
+        textcoords="offset points", color=MODEL, ha="left" if right else "right", va="center",
+    )  # fmt: skip
+    top.grid(color="#e6e8eb", lw=0.6)
+    top.spines[["top", "right"]].set_visible(False)
+    top.set_xlim(0.0, time[-1])
+    name_axes(top, ("time", "s"), ("ground acceleration", "m/s²"))
+    shown = frequency > 0
+    axes[1, 0].loglog(frequency[shown], amplitude[shown], color=ACCENT, lw=0.7)
+    _log_limits(axes[1, 0], frequency[shown], amplitude[shown])
+    name_axes(axes[1, 0], ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
+    axes[1, 1].semilogx(period, pseudo_acceleration, color=ACCENT)
+    axes[1, 1].set_ylim(bottom=0.0)
+    name_axes(axes[1, 1], ("period", "s"), ("pseudo-acceleration, ζ = 5 %", "m/s²"))
+    return finish(figure, title, save)
+
+
+@styled
+def filter_tuning(
+    time: np.ndarray,
+    raw: np.ndarray,
+    raw_frequency: np.ndarray,
+    raw_amplitude: np.ndarray,
+    filtered_time: np.ndarray,
+    filtered: np.ndarray,
+    filtered_frequency: np.ndarray,
+    filtered_amplitude: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a record before and after a filter, in time and in frequency.
+
+    Parameters
+    ----------
+    time, raw : ndarray, shape (time,)
+        Before [s], [m/s²].
+    raw_frequency, raw_amplitude : ndarray, shape (frequency,)
+        Before [Hz], [m/s].
+    filtered_time, filtered : ndarray, shape (time,)
+        After.
+    filtered_frequency, filtered_amplitude : ndarray, shape (frequency,)
+        After.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Three panels: record, the two seconds around the peak, Fourier amplitude.
+    """
+    figure, axes = canvas(3, 1, height=1.9)
+    peak = time[int(np.argmax(np.abs(raw)))]
+    for axis, span in ((axes[0, 0], (time[0], time[-1])), (axes[1, 0], (max(peak - 1.0, 0.0), peak + 1.0))):
+        axis.plot(time, raw, color=MUTED, lw=1.2, label="before")
+        axis.plot(filtered_time, filtered, color=MODEL, lw=0.8, label="after")
+        axis.set_xlim(*span)
+        name_axes(axis, ("time", "s"), ("acceleration", "m/s²"))
+    axes[0, 0].legend(ncol=2, loc="upper right")
+    low = axes[2, 0]
+    low.loglog(raw_frequency[1:], raw_amplitude[1:], color=MUTED, lw=1.2)
+    low.loglog(filtered_frequency[1:], np.maximum(filtered_amplitude[1:], 1e-300), color=MODEL, lw=0.8)
+    _log_limits(low, raw_frequency[1:], raw_amplitude[1:])
+    name_axes(low, ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
+    return finish(figure, title, save)
+
+
+def _log_limits(axis: object, frequency: np.ndarray, amplitude: np.ndarray) -> None:
+    """Five decades below the peak: what lies deeper is rounding."""
+    axis.set_ylim(amplitude.max() * 1e-5, amplitude.max() * 2.0)  # type: ignore[attr-defined]
+    axis.set_xlim(max(frequency[0], 0.05), frequency[-1])  # type: ignore[attr-defined]

@@ -1,0 +1,376 @@
+"""Figures of responses: histories, the four panels, loops, bands, energy."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.figures.style import (
+    ACCENT,
+    CYCLE,
+    MEASURED,
+    MODEL,
+    MUTED,
+    canvas,
+    finish,
+    name_axes,
+    pretty,
+    pretty_unit,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@styled
+def histories(
+    time: np.ndarray,
+    columns: Sequence[np.ndarray],
+    names: Sequence[str],
+    units: Sequence[str],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw histories one below the other.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    columns : sequence of ndarray, shape (time,)
+        The histories in their units.
+    names, units : sequence of str
+        Of each history.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        A panel for each.
+    """
+    figure, axes = canvas(len(columns), 1, height=1.7, sharex=True)
+    for axis, values, name, unit in zip(axes[:, 0], columns, names, units, strict=True):
+        axis.plot(time, values, color=ACCENT, lw=0.8)
+        axis.set_ylabel(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name))
+        axis.set_xlim(time[0], time[-1])
+    axes[-1, 0].set_xlabel("time [s]")
+    return finish(figure, title, save)
+
+
+@styled
+def four_panels(
+    time: np.ndarray,
+    displacement: np.ndarray,
+    velocity: np.ndarray,
+    force: np.ndarray,
+    hysteretic_energy: np.ndarray,
+    elastic_energy: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw displacement, velocity, the restoring-force loop and the absorbed energy.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    displacement, velocity, force : ndarray, shape (time,)
+        [mm], [mm/s], [kN].
+    hysteretic_energy, elastic_energy : ndarray, shape (time,)
+        [J].
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Four panels.
+    """
+    figure, axes = canvas(2, 2, height=2.5)
+    axes[0, 0].plot(time, displacement, color=ACCENT, lw=0.8)
+    name_axes(axes[0, 0], ("time", "s"), ("displacement", "mm"))
+    axes[0, 1].plot(time, velocity, color=ACCENT, lw=0.8)
+    name_axes(axes[0, 1], ("time", "s"), ("velocity", "mm/s"))
+    axes[1, 0].plot(displacement, force, color=ACCENT, lw=0.6)
+    name_axes(axes[1, 0], ("displacement", "mm"), ("restoring force", "kN"))
+    axes[1, 1].plot(time, hysteretic_energy + elastic_energy, color=MEASURED, label="absorbed in all")
+    axes[1, 1].plot(time, hysteretic_energy, color=MODEL, label="hysteretic")
+    axes[1, 1].plot(time, elastic_energy, color=ACCENT, lw=0.7, label="elastic")
+    axes[1, 1].legend(loc="best")
+    name_axes(axes[1, 1], ("time", "s"), ("absorbed energy", "J"))
+    return finish(figure, title, save)
+
+
+@styled
+def bands(
+    time: np.ndarray,
+    measured: np.ndarray | None,
+    best: np.ndarray,
+    inner: tuple[np.ndarray, np.ndarray],
+    outer: tuple[np.ndarray, np.ndarray] | None,
+    name: str,
+    unit: str,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a measured history against the prediction's bands, whole and around its peak.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    measured : ndarray, shape (time,), optional
+        The measurement.
+    best : ndarray, shape (time,)
+        Prediction at the MAP estimate.
+    inner, outer : pair of ndarray, shape (time,)
+        90 % bands of the model's response, and with discrepancy.
+    name, unit : str
+        Of the channel.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
+    figure, axes = canvas(2, 1, height=2.2)
+    reference = best if measured is None else measured
+    peak = time[int(np.argmax(np.abs(reference)))]
+    half = min(0.06 * time[-1], 2.0)
+    for axis, span in (
+        (axes[0, 0], (time[0], time[-1])),
+        (axes[1, 0], (max(peak - half, 0.0), min(peak + half, time[-1]))),
+    ):
+        if outer is not None:
+            axis.fill_between(time, *outer, color=MODEL, alpha=0.18, lw=0, label="90 % with discrepancy")
+        axis.fill_between(time, *inner, color=MODEL, alpha=0.55, lw=0, label="90 % of the model's response")
+        axis.plot(time, best, color=MODEL, lw=0.9, label="MAP")
+        if measured is not None:
+            axis.plot(time, measured, color=MEASURED, lw=0.8, label="measured")
+        axis.set_xlim(*span)
+        name_axes(axis, ("time", "s"), (pretty(name), pretty_unit(unit)))
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=4)
+    axes[1, 0].set_title("around the peak", loc="left")
+    return finish(figure, title, save)
+
+
+@styled
+def loops(
+    measured: tuple[np.ndarray, np.ndarray] | None,
+    model: tuple[np.ndarray, np.ndarray],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+    names: tuple[str, str] = ("measured", "identified"),
+    draws: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+) -> Figure:
+    """Draw hysteresis loops: measured, model, and one over the other.
+
+    Parameters
+    ----------
+    measured, model : pair of ndarray, shape (time,)
+        Displacement [mm] and force [kN]; the measured one may be missing.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+    names : pair of str
+        What to call the two.
+    draws : sequence of pairs of ndarray
+        Loops of further draws, thin behind the model's.
+
+    Returns
+    -------
+    Figure
+        Three panels, or one without a measurement.
+    """
+    panels = 3 if measured is not None else 1
+    figure, axes = canvas(1, panels, height=2.7, width=7.4 if panels > 1 else 4.2, sharex=True, sharey=True)
+    for axis in axes[0, (1 if measured is not None else 0) :]:
+        for u, f in draws:
+            axis.plot(u, f, color=MODEL, lw=0.3, alpha=0.12)
+    if measured is not None:
+        for axis in (axes[0, 0], axes[0, 2]):
+            axis.plot(*measured, color=MEASURED, lw=0.7)
+        axes[0, 0].set_title(names[0])
+        axes[0, 2].set_title("superposed")
+        axes[0, 1].set_title(names[1])
+    for axis in axes[0, 1:] if measured is not None else axes[0]:
+        axis.plot(*model, color=MODEL, lw=0.7)
+    for axis in axes[0]:
+        axis.set_xlabel("displacement [mm]")
+    axes[0, 0].set_ylabel("restoring force [kN]")
+    return finish(figure, title, save)
+
+
+@styled
+def energy(
+    time: np.ndarray,
+    measured: np.ndarray | None,
+    best: np.ndarray,
+    band: tuple[np.ndarray, np.ndarray],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the energy absorbed by the spring.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    measured : ndarray, shape (time,), optional
+        Known energy [J], in a virtual experiment.
+    best : ndarray, shape (time,)
+        At the MAP estimate [J].
+    band : pair of ndarray, shape (time,)
+        90 % band [J].
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    figure, axes = canvas(1, 1, height=2.6)
+    axis = axes[0, 0]
+    axis.fill_between(time, *band, color=MODEL, alpha=0.35, lw=0, label="90 % of the model's response")
+    axis.plot(time, best, color=MODEL, label="MAP")
+    if measured is not None:
+        axis.plot(time, measured, color=MEASURED, label="truth of the virtual experiment")
+    axis.set_xlim(time[0], time[-1])
+    axis.legend(loc="lower right")
+    name_axes(axis, ("time", "s"), ("absorbed energy (partly recoverable)", "J"))
+    return finish(figure, title, save)
+
+
+@styled
+def identified(
+    time: np.ndarray,
+    measured: np.ndarray,
+    predictions: dict[str, np.ndarray],
+    measured_loop: tuple[np.ndarray, np.ndarray] | None,
+    loops_of: dict[str, tuple[np.ndarray, np.ndarray]],
+    name: str,
+    unit: str,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a deterministic calibration: measured loop, identified loops, both superposed, and the histories.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    measured : ndarray, shape (time,)
+        The measured channel.
+    predictions : dict of str to ndarray, shape (time,)
+        The identified histories by method.
+    measured_loop : pair of ndarray, shape (time,), optional
+        Displacement [mm] and force [kN], where known.
+    loops_of : dict of str to pair of ndarray, shape (time,)
+        Identified loops by method.
+    name, unit : str
+        Of the channel.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Four panels.
+    """
+    figure, axes = canvas(2, 2, height=2.6)
+    panel_measured, panel_identified, panel_both, panel_history = axes.ravel()
+    if measured_loop is None:
+        panel_measured.text(
+            0.5, 0.5, "no force was measured", transform=panel_measured.transAxes, ha="center", color=MUTED
+        )
+    else:
+        for axis in (panel_measured, panel_both):
+            axis.plot(*measured_loop, color=MEASURED, lw=0.7)
+    for i, ((method, loop), colour) in enumerate(zip(loops_of.items(), CYCLE, strict=False)):
+        for axis in (panel_identified, panel_both):
+            # The first is drawn thicker, so that methods that agree are all seen.
+            axis.plot(*loop, color=colour, lw=1.6 if i == 0 and len(loops_of) > 1 else 0.6, label=method)
+    panel_history.plot(time, measured, color=MEASURED, lw=1.0, label="measured")
+    for (method, values), colour in zip(predictions.items(), CYCLE, strict=False):
+        panel_history.plot(time, values, color=colour, lw=0.8, ls="--", label=method)
+    peak = time[int(np.argmax(np.abs(measured)))]
+    panel_history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
+    low, high = panel_history.get_ylim()
+    panel_history.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
+    panel_history.legend(loc="upper right", ncol=3)
+    panel_identified.legend(loc="upper left")
+    for axis, head in zip(
+        axes.ravel(), ("measured", "identified", "superposed", "histories around the peak"), strict=True
+    ):
+        axis.set_title(head, loc="left")
+    for axis in (panel_measured, panel_identified, panel_both):
+        name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
+    panel_identified.sharex(panel_both)
+    panel_identified.sharey(panel_both)
+    if measured_loop is not None:
+        panel_measured.sharex(panel_both)
+        panel_measured.sharey(panel_both)
+    name_axes(panel_history, ("time", "s"), (pretty(name), pretty_unit(unit)))
+    return finish(figure, title, save)
+
+
+@styled
+def two_lines(
+    displacement: np.ndarray,
+    force: np.ndarray,
+    lines: Sequence[tuple[np.ndarray, np.ndarray, str]],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a loop and the straight lines fitted to it.
+
+    Parameters
+    ----------
+    displacement, force : ndarray, shape (time,)
+        [mm], [kN].
+    lines : sequence of (ndarray, ndarray, str)
+        Displacements, forces and label of each line.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    figure, axes = canvas(1, 1, height=3.2, width=4.8)
+    axis = axes[0, 0]
+    axis.plot(displacement, force, color=MUTED, lw=0.6)
+    seen: dict[str, str] = {}
+    for x, y, text in lines:
+        colour = seen.setdefault(text, CYCLE[(len(seen) + 1) % len(CYCLE)])
+        axis.plot(x, y, color=colour, lw=1.6, label=text)
+    handles, labels = axis.get_legend_handles_labels()
+    unique = dict(zip(labels, handles, strict=True))
+    axis.legend(list(unique.values()), list(unique), loc="lower right")
+    margin = 0.1 * np.ptp(force)
+    axis.set_ylim(force.min() - margin, force.max() + margin)
+    name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
+    return finish(figure, title, save)

@@ -1,0 +1,225 @@
+"""One look for all figures, and one way to save them."""
+
+from __future__ import annotations
+
+import functools
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from structid.units import label
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Drawing = TypeVar("Drawing", bound=Callable[..., Any])
+
+MEASURED, MODEL, PRIOR, ACCENT, MUTED = "#1a1a1a", "#c1440e", "#8a8f98", "#1f6f8b", "#b8bcc4"
+"""Colours: measurement, model (posterior), prior, accent, secondary lines."""
+CYCLE = ("#1f6f8b", "#c1440e", "#6a994e", "#7b4b94", "#bc8034", "#386641")
+"""Colours of several like things."""
+WIDTH = 7.4
+"""Width of a full figure [inch]."""
+
+_RC = {
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.labelsize": 9.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e8eb",
+    "grid.linewidth": 0.6,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.0,
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "figure.dpi": 110,
+    "savefig.dpi": 160,
+    "pdf.fonttype": 42,
+}
+
+
+def styled(draw: Drawing) -> Drawing:
+    """Draw in the house style, and leave the caller's matplotlib settings as they are.
+
+    Parameters
+    ----------
+    draw : callable
+        A function that makes a figure.
+
+    Returns
+    -------
+    callable
+        The same function in the house style.
+    """
+
+    @functools.wraps(draw)
+    def wrapped(*args: Any, **settings: Any) -> Any:
+        import matplotlib
+
+        with matplotlib.rc_context(_RC):
+            return draw(*args, **settings)
+
+    return wrapped  # type: ignore[return-value]
+
+
+def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = WIDTH, **settings: Any) -> Any:
+    """Make a figure and its axes in the house style, without touching pyplot's state.
+
+    Parameters
+    ----------
+    rows, columns : int
+        Grid of axes.
+    height : float
+        Height of a row [inch].
+    width : float
+        Width of the figure [inch].
+    **settings
+        For `matplotlib.figure.Figure.subplots`.
+
+    Returns
+    -------
+    tuple of Figure and ndarray of Axes, shape (row, column)
+        An empty figure.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False, **settings)
+
+
+def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
+    """Set the title and save as PNG and PDF.
+
+    Parameters
+    ----------
+    figure : Figure
+        The figure.
+    title : str
+        Its title; none if empty.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        The same figure.
+    """
+    if title:
+        figure.suptitle(title, fontsize=10.5)
+    if save is not None:
+        target = Path(save)
+        target = target.with_suffix("") if target.suffix in (".png", ".pdf") else target
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # No date inside, so that the same draws give the same file.
+        figure.savefig(target.with_name(target.name + ".png"), metadata={"Software": None})
+        figure.savefig(target.with_name(target.name + ".pdf"), metadata={"CreationDate": None})
+    return figure
+
+
+def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Kernel density of draws, reflected at the bounds so that no mass leaks over them.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (draw,)
+        The draws.
+    points : ndarray, shape (point,)
+        Where to evaluate.
+    low, high : float
+        Bounds; infinite for none.
+
+    Returns
+    -------
+    ndarray, shape (point,)
+        The density.
+    """
+    spread = min(draws.std(), float(np.subtract(*np.quantile(draws, [0.75, 0.25]))) / 1.349 or np.inf)
+    width = 1.06 * max(spread, 1e-300) * draws.size**-0.2
+    bins = np.linspace(points[0] - 5 * width, points[-1] + 5 * width, 2049)
+    centres = 0.5 * (bins[1:] + bins[:-1])
+    mirrored = [draws]
+    if np.isfinite(low):
+        mirrored.append(2 * low - draws)
+    if np.isfinite(high):
+        mirrored.append(2 * high - draws)
+    counts, _ = np.histogram(np.concatenate(mirrored), bins)
+    step = bins[1] - bins[0]
+    reach = int(np.ceil(5 * width / step))
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) * step / width) ** 2)
+    smooth = np.convolve(counts, kernel / (kernel.sum() * step * draws.size), mode="same")
+    value = np.interp(points, centres, smooth)
+    return np.where((points >= low) & (points <= high), value, 0.0)
+
+
+def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
+    """Label both axes with names and units.
+
+    Parameters
+    ----------
+    axis : Axes
+        The axes.
+    x, y : pair of str
+        Name and unit.
+    """
+    axis.set_xlabel(label(*x))
+    axis.set_ylabel(label(*y))
+
+
+def pretty(name: str) -> str:
+    """Name of a parameter or channel as a figure shows it.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``"gamma_ratio"``.
+
+    Returns
+    -------
+    str
+        Such as ``"γ*"``.
+    """
+    known = {
+        "alpha": "α", "beta": "β", "gamma": "γ", "gamma_ratio": "γ*", "sigma2": "σ²", "delta_nu": "δν", "delta_eta": "δη",
+        "delta_a": "δA", "damping_ratio": "ζ", "exponent": "n", "psi0": "ψ₀", "delta_psi": "δψ", "lambda_": "λ", "zeta0": "ζ₀",
+    }  # fmt: skip
+    return known.get(name, name.replace("_", " "))
+
+
+def pretty_unit(unit: str) -> str:
+    """Unit with raised exponents.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``"(m/s)^2"``.
+
+    Returns
+    -------
+    str
+        Such as ``"(m/s)²"``.
+    """
+    return unit.replace("^2", "²").replace("^3", "³").replace("*", "·")
+
+
+def thin(count: int, most: int = 4000) -> slice:
+    """Stride that leaves at most a number of points to draw.
+
+    Parameters
+    ----------
+    count, most : int
+        Present and largest number.
+
+    Returns
+    -------
+    slice
+        For indexing.
+    """
+    return slice(None, None, max(1, count // most))

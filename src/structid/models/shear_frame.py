@@ -1,0 +1,414 @@
+"""An N-storey shear frame with a Bouc-Wen-Baber-Noori spring in every storey."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError, check_choice
+from structid.ground_motion.excitation import Excitation
+from structid.histories import check_channels
+from structid.journal import digest
+from structid.models.base import JaxModel
+from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free
+from structid.models.hysteresis import Law, degrades, hysteretic_rate
+
+STOREY_PARAMETERS = (
+    "mass",
+    "stiffness",
+    "alpha",
+    "beta",
+    "gamma",
+    "gamma_ratio",
+    "exponent",
+    "amplitude",
+    "delta_a",
+    "delta_nu",
+    "delta_eta",
+    "zeta0",
+    "p",
+    "q",
+    "psi0",
+    "delta_psi",
+    "lambda_",
+)
+"""Parameters every storey has; `stiffness` names all storeys' at once, `stiffness_2` the second's."""
+
+STOREY_CHANNELS = (
+    "displacement",
+    "velocity",
+    "relative_acceleration",
+    "absolute_acceleration",
+    "drift",
+    "restoring_force",
+    "hysteretic_displacement",
+    "hysteretic_energy",
+    "elastic_energy",
+    "absorbed_energy",
+)
+"""What may be recorded of every storey: ``drift_2`` is the second storey's; the restoring force is the storey's shear."""
+
+Storeys = float | Sequence[float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class ShearFrame(JaxModel):
+    """Shear frame: floor masses joined by hysteretic springs, fixed at the base.
+
+    With the drifts d_j = u_j − u_(j−1) and the storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j)::
+
+        m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1)
+        z_j′ = the Bouc-Wen-Baber-Noori law of d_j′, degrading with e_h,j
+        e_h,j′ = (1 − α_j) k_j/m_j z_j d_j′                                    (energy per mass of that storey)
+
+    C is the modal damping matrix C = M^½ 2ζ (M^(−½) K M^(−½))^½ M^½ (every mode has ζ), or Rayleigh's a M + b K with ζ at
+    the first mode and at `rayleigh_mode`; both of the initial stiffness. With one storey it is `BoucWen`.
+
+    Every storey parameter is a number for all storeys or a sequence from the ground up. In `free`, a plain name
+    (``"stiffness"``) is one value for all storeys, a numbered one (``"stiffness_2"``) that storey's alone, over whatever else is given.
+
+    Parameters
+    ----------
+    storeys : int
+        Number of storeys N.
+    mass, stiffness : float or sequence
+        Floor masses [kg] and initial storey stiffnesses [N/m].
+    alpha, beta, gamma, gamma_ratio, exponent, amplitude : float or sequence
+        Law of the springs, as for `BoucWen`; exactly one of gamma, gamma_ratio.
+    delta_a, delta_nu, delta_eta, zeta0, p, q, psi0, delta_psi, lambda_ : float or sequence
+        Degradation and pinching, as for `BoucWen`; none by default.
+    damping_ratio : float
+        ζ.
+    damping : {"modal", "rayleigh"} or ndarray, shape (storey, storey)
+        Kind of damping matrix, or the matrix itself [N s/m].
+    rayleigh_mode : int
+        The second mode with ζ, 3 by default, or the last if there are fewer.
+    free : sequence of str
+        Parameters that come with every run, in the order of its columns; ``damping_ratio`` may be one.
+    channels : sequence of str
+        What to record, such as ``"displacement_3"``, ``"drift_1"``, ``"base_shear"``.
+    substeps : int
+        Runge-Kutta steps per sample.
+
+    Examples
+    --------
+    >>> frame = ShearFrame(storeys=3, mass=12_000.0, stiffness=2e7, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=0.5)
+    >>> print(frame)
+    ShearFrame: 3 storeys, f 2.891, 8.101, 11.71 Hz
+    """
+
+    storeys: int
+    mass: Storeys = None
+    stiffness: Storeys = None
+    alpha: Storeys = None
+    beta: Storeys = None
+    gamma: Storeys = None
+    gamma_ratio: Storeys = None
+    exponent: Storeys = 1.0
+    amplitude: Storeys = 1.0
+    delta_a: Storeys = 0.0
+    delta_nu: Storeys = 0.0
+    delta_eta: Storeys = 0.0
+    zeta0: Storeys = 0.0
+    p: Storeys = 0.0
+    q: Storeys = 0.0
+    psi0: Storeys = 0.0
+    delta_psi: Storeys = 0.0
+    lambda_: Storeys = 0.0
+    damping_ratio: float = 0.0
+    damping: str | np.ndarray = "modal"
+    rayleigh_mode: int = 3
+    free: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ("displacement_1",)
+    substeps: int = DEFAULT_SUBSTEPS
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.storeys, (int, np.integer)) and self.storeys >= 1):
+            raise InputError("ShearFrame.storeys", f"{self.storeys!r}", "a whole number, 1 or more")
+        if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
+            raise InputError("ShearFrame.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
+        known = ("damping_ratio", *STOREY_PARAMETERS, *(f"{n}_{j}" for n in STOREY_PARAMETERS for j in self._numbers))
+        object.__setattr__(self, "free", check_free("ShearFrame", self.free, known))
+        channels = ("base_shear", *(f"{c}_{j}" for c in STOREY_CHANNELS for j in self._numbers))
+        object.__setattr__(self, "channels", check_channels("ShearFrame.channels", self.channels, channels))
+        for name in STOREY_PARAMETERS:
+            object.__setattr__(self, name, self._per_storey(name, getattr(self, name)))
+        self._check_complete()
+        if isinstance(self.damping, str):
+            check_choice("ShearFrame.damping", self.damping, ("modal", "rayleigh"))
+        elif np.shape(self.damping) != (self.storeys, self.storeys):
+            raise InputError(
+                "ShearFrame.damping", f"an array of shape {np.shape(self.damping)}", f"({self.storeys}, {self.storeys})"
+            )
+
+    @property
+    def _numbers(self) -> range:
+        return range(1, self.storeys + 1)
+
+    def _per_storey(self, name: str, value: Storeys) -> float | tuple[float, ...] | None:
+        """Return one float if all storeys share it (terms fixed at zero can then be left out), else a tuple."""
+        if value is None or np.ndim(value) == 0:
+            return None if value is None else float(value)  # type: ignore[arg-type]
+        values = tuple(float(v) for v in value)  # type: ignore[union-attr]
+        if len(values) != self.storeys or not np.isfinite(values).all():
+            raise InputError(f"ShearFrame.{name}", f"{list(values)}", f"one finite number, or {self.storeys} of them")
+        return values[0] if len(set(values)) == 1 else values
+
+    def _given(self, name: str) -> bool:
+        numbered = all(f"{name}_{j}" in self.free for j in self._numbers)
+        return numbered or name in self.free or getattr(self, name) is not None
+
+    def _check_complete(self) -> None:
+        for name in ("mass", "stiffness", "alpha", "beta"):
+            if not self._given(name):
+                raise InputError(
+                    f"ShearFrame.{name}", "it has no value and is not free", "numbers, or its name in free"
+                )
+        if self._given("gamma") == self._given("gamma_ratio"):
+            raise InputError("ShearFrame.gamma", "both or neither of gamma and gamma_ratio", "exactly one of the two")
+
+    # --- response -----------------------------------------------------------------------------------------------
+
+    def _values(self, theta: Any) -> dict[str, Any]:
+        """Every parameter by name: a float where it is fixed and alike, else an array (storey, run) or (storey, 1)."""
+        from structid.device import jnp
+
+        column = {name: theta[:, i] for i, name in enumerate(self.free)}
+        values: dict[str, Any] = {}
+        for name in STOREY_PARAMETERS:
+            value: Any = column.get(name, getattr(self, name))
+            if isinstance(value, tuple):
+                value = jnp.array(value)[:, None]
+            own = [j for j in self._numbers if f"{name}_{j}" in column]
+            if own:
+                base = 0.0 if value is None else value
+                rows = jnp.broadcast_to(base, (self.storeys, theta.shape[0]))
+                value = rows.at[jnp.array([j - 1 for j in own])].set(jnp.stack([column[f"{name}_{j}"] for j in own]))
+            values[name] = value
+        if values["gamma"] is None:
+            values["gamma"] = values["gamma_ratio"] * values["beta"]
+        values["damping_ratio"] = column.get("damping_ratio", self.damping_ratio)
+        return values
+
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX; see `JaxModel.response`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            Ground motion, or a force on the top floor.
+        stages : jax.Array, shape (time − 1, substeps, 3)
+            Its values.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), and whether the state stayed finite (run,).
+        """
+        from structid.device import jnp
+        from structid.models.integrate import integrate
+
+        if excitation.kind == "displacement":
+            raise InputError(
+                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
+            )
+        equations = _Equations(self, self._values(theta), excitation.kind, theta.shape[0])
+        # Zero times a column, so that the state varies over the runs as the parameters do.
+        zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
+        final, seen = integrate(
+            equations.rate,
+            lambda s: (s[0], s[1], s[2]),
+            equations.observe,
+            equations.initial_state(zero),
+            stages,
+            excitation.dt,
+        )
+        return seen[excitation.dropped_samples :], jnp.isfinite(sum(part.sum(axis=0) for part in final.values()))
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of every setting."""
+        settings = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "damping"}
+        return digest(
+            "ShearFrame", settings, np.asarray(self.damping) if not isinstance(self.damping, str) else self.damping
+        )
+
+    def recording(self, *channels: str) -> ShearFrame:
+        """Return this frame with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        ShearFrame
+            The same frame, recording them.
+        """
+        return replace(self, channels=channels)
+
+    def frequencies(self) -> np.ndarray:
+        """Natural frequencies of the initial stiffness.
+
+        Returns
+        -------
+        ndarray, shape (storey,)
+            [Hz], rising.
+
+        Raises
+        ------
+        InputError
+            If masses or stiffnesses are free.
+        """
+        loose = [n for n in self.free if n.startswith(("mass", "stiffness"))]
+        if loose:
+            raise InputError(
+                "ShearFrame.frequencies", f"{', '.join(loose)} free", "a frame whose masses and stiffnesses are numbers"
+            )
+        mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
+        stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
+        matrix = _stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
+        return np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi)
+
+    def __str__(self) -> str:
+        free = f", free: {', '.join(self.free)}" if self.free else ""
+        if any(n.startswith(("mass", "stiffness")) for n in self.free):
+            return f"ShearFrame: {self.storeys} storeys{free}"
+        return f"ShearFrame: {self.storeys} storeys, f {', '.join(f'{f:.4g}' for f in self.frequencies())} Hz{free}"
+
+
+def _stiffness_matrix(stiffness: np.ndarray) -> np.ndarray:
+    """Tridiagonal stiffness matrix of storeys from the ground up."""
+    matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
+    return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
+
+
+class _Equations:
+    """The frame's equations of motion for one batch; every part of the state is (storey, run)."""
+
+    def __init__(self, frame: ShearFrame, values: dict[str, Any], kind: str, runs: int) -> None:
+        self.frame, self.kind, self.runs = frame, kind, runs
+        self.law = Law(**{name: values[name] for name in Law._fields})
+        self.mass = self._full(values["mass"])
+        self.stiffness = self._full(values["stiffness"])
+        self.viscous = self._viscous(values["damping_ratio"])
+        asked = {c.rpartition("_")[0] for c in frame.channels}
+        self.needs_hysteretic_energy = degrades(self.law) or bool(asked & {"hysteretic_energy", "absorbed_energy"})
+        self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
+
+    def _full(self, value: Any) -> Any:
+        from structid.device import jnp
+
+        return jnp.broadcast_to(value, (self.frame.storeys, self.runs))
+
+    def _viscous(self, damping_ratio: Any) -> Any:
+        """M⁻¹ C, shape (storey, storey, run)."""
+        from structid.device import jnp
+
+        frame = self.frame
+        if not isinstance(frame.damping, str):
+            return jnp.asarray(frame.damping)[:, :, None] / self.mass[:, None, :]
+        k, root = self.stiffness.T, jnp.sqrt(self.mass.T)
+        above = jnp.concatenate([k[:, 1:], jnp.zeros((self.runs, 1))], axis=1)
+        upper = jnp.eye(frame.storeys, k=1) * above[:, :, None]
+        matrix = (k + above)[:, :, None] * jnp.eye(frame.storeys) - upper - upper.swapaxes(1, 2)
+        scaled = matrix / (root[:, :, None] * root[:, None, :])
+        squares, modes = jnp.linalg.eigh(scaled)
+        omega = jnp.sqrt(squares)
+        zeta = jnp.broadcast_to(damping_ratio, (self.runs,))[:, None]
+        if frame.damping == "modal":
+            rates = 2.0 * zeta * omega
+        else:
+            # a/(2ω) + bω/2 = ζ at both modes: 2ζω of every mode becomes a + b ω²
+            first, second = omega[:, :1], omega[:, min(frame.rayleigh_mode, frame.storeys) - 1, None]
+            rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
+        symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
+        # M⁻¹ C = M^(−½) S M^½
+        return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
+
+    def initial_state(self, zero: Any) -> dict[str, Any]:
+        """At rest."""
+        state = {"u": zero, "v": zero, "z": zero}
+        if self.needs_hysteretic_energy:
+            state["e_h"] = zero
+        if self.needs_elastic_energy:
+            state["e_e"] = zero
+        return state
+
+    @staticmethod
+    def _drift(floors: Any) -> Any:
+        from structid.device import jnp
+
+        return floors - jnp.concatenate([jnp.zeros_like(floors[:1]), floors[:-1]])
+
+    def _shear(self, drift: Any, z: Any) -> Any:
+        return self.stiffness * (self.law.alpha * drift + (1.0 - self.law.alpha) * z)
+
+    def _acceleration(self, state: dict[str, Any], signal: Any) -> Any:
+        from structid.device import jnp
+
+        shear = self._shear(self._drift(state["u"]), state["z"])
+        above = jnp.concatenate([shear[1:], jnp.zeros_like(shear[:1])])
+        damping = jnp.einsum("ijr,jr->ir", self.viscous, state["v"])
+        motion = -damping + (above - shear) / self.mass
+        if self.kind == "force":
+            return motion.at[-1].add(signal / self.mass[-1])
+        return motion - signal
+
+    def rate(self, state: dict[str, Any], signal: Any) -> dict[str, Any]:
+        """Derivative of the state."""
+        z, drift_rate = state["z"], self._drift(state["v"])
+        slope = {
+            "u": state["v"],
+            "v": self._acceleration(state, signal),
+            "z": hysteretic_rate(drift_rate, z, state.get("e_h"), self.law),
+        }
+        per_mass = self.stiffness / self.mass
+        if self.needs_hysteretic_energy:
+            slope["e_h"] = (1.0 - self.law.alpha) * per_mass * z * drift_rate
+        if self.needs_elastic_energy:
+            slope["e_e"] = self.law.alpha * per_mass * self._drift(state["u"]) * drift_rate
+        return slope
+
+    def observe(self, state: dict[str, Any], signal: Any) -> Any:
+        """Return the channels at a sample, shape (channel, run)."""
+        from structid.device import jnp
+
+        rows = []
+        for channel in self.frame.channels:
+            name, _, number = channel.rpartition("_")
+            rows.append(
+                self._channel("restoring_force", state, signal)[0]
+                if channel == "base_shear"
+                else self._channel(name, state, signal)[int(number) - 1]
+            )
+        return jnp.stack(rows)
+
+    def _channel(self, name: str, state: dict[str, Any], signal: Any) -> Any:
+        match name:
+            case "displacement":
+                return state["u"]
+            case "velocity":
+                return state["v"]
+            case "relative_acceleration":
+                return self._acceleration(state, signal)
+            case "absolute_acceleration":
+                return self._acceleration(state, signal) + (signal if self.kind == "ground_motion" else 0.0)
+            case "drift":
+                return self._drift(state["u"])
+            case "restoring_force":
+                return self._shear(self._drift(state["u"]), state["z"])
+            case "hysteretic_displacement":
+                return state["z"]
+            case "hysteretic_energy":
+                return self.mass * state["e_h"]
+            case "elastic_energy":
+                return self.mass * state["e_e"]
+            case _:
+                return self.mass * (state["e_h"] + state["e_e"])

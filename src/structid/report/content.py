@@ -1,0 +1,414 @@
+"""What a report shows, gathered once from a result, and its figures as files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.figures import posterior as posterior_figures
+from structid.figures import response as response_figures
+from structid.ground_motion.record import GroundMotion
+from structid.histories import base_channel, display_unit
+from structid.inference.identifiability import Identifiability, identifiability
+from structid.inference.posterior import Posterior
+from structid.inference.predictive import Prediction, predict
+from structid.inference.result import SamplingResult
+from structid.models.base import JaxModel
+from structid.models.bouc_wen import BoucWen
+from structid.optimize import OptimizeResult
+from structid.units import factor
+
+LOOP_DRAWS = 40
+"""Draws whose loops are drawn thin behind the MAP estimate's."""
+_LOOP = ("displacement", "restoring_force", "absorbed_energy")
+
+
+@dataclass(frozen=True)
+class OtherRecord:
+    """Prediction for a record that was not measured.
+
+    Parameters
+    ----------
+    name : str
+        The record.
+    prediction : Prediction
+        Draws of the response.
+    best : ndarray, shape (time, channel)
+        Response at the MAP estimate.
+    """
+
+    name: str
+    prediction: Prediction = field(repr=False)
+    best: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class ReportContent:
+    """Everything a report shows.
+
+    Parameters
+    ----------
+    result : SamplingResult
+        Of a `Posterior`.
+    searches : dict of str to OptimizeResult
+        Deterministic calibrations by method.
+    raw_record, record : GroundMotion
+        First record before and after processing.
+    title, settings : str
+        Title, and the study file's text.
+    true_values : dict of str to float
+        True parameters of a virtual experiment, in SI.
+    truth_loops : tuple
+        For each observation displacement, force and energy of the true model, or None.
+    best_predictions : tuple of ndarray
+        For each observation the MAP prediction (time, channel).
+    predictions : tuple of Prediction
+        For each observation.
+    loops : tuple
+        For each observation the loop channels of MAP and of draws (draw, time, channel), or None.
+    information : Identifiability or None
+        Fisher information at the MAP estimate.
+    others : tuple of OtherRecord
+        Predictions for other records.
+    """
+
+    result: SamplingResult
+    searches: dict[str, OptimizeResult]
+    raw_record: GroundMotion
+    record: GroundMotion
+    title: str
+    settings: str
+    true_values: dict[str, float]
+    truth_loops: tuple[np.ndarray | None, ...]
+    best_predictions: tuple[np.ndarray, ...]
+    predictions: tuple[Prediction, ...]
+    loops: tuple[np.ndarray | None, ...]
+    search_loops: dict[str, np.ndarray]
+    information: Identifiability | None
+    others: tuple[OtherRecord, ...]
+    figures: list[tuple[str, str, str]] = field(default_factory=list)
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior that was sampled."""
+        assert isinstance(self.result.target, Posterior)
+        return self.result.target
+
+    @classmethod
+    def gather(
+        cls,
+        result: SamplingResult,
+        searches: dict[str, OptimizeResult],
+        raw_record: GroundMotion,
+        record: GroundMotion,
+        truths: tuple[JaxModel | None, ...],
+        true_values: dict[str, float],
+        other_records: tuple[GroundMotion, ...],
+        prediction_draws: int,
+        title: str,
+        settings: str,
+    ) -> ReportContent:
+        """Simulate what the report needs.
+
+        Parameters
+        ----------
+        result : SamplingResult
+            Of a `Posterior`.
+        searches : dict of str to OptimizeResult
+            Deterministic calibrations.
+        raw_record, record : GroundMotion
+            First record before and after processing.
+        truths : tuple of JaxModel or None
+            True models of virtual experiments.
+        true_values : dict of str to float
+            True parameters in SI.
+        other_records : tuple of GroundMotion
+            Records to predict for.
+        prediction_draws : int
+            Draws for the bands.
+        title, settings : str
+            Title, and the study file's text.
+
+        Returns
+        -------
+        ReportContent
+            Ready to draw.
+        """
+        posterior = result.target
+        assert isinstance(posterior, Posterior)
+        best = result.map_estimate
+        draws = result.thinned(prediction_draws)
+        observations = posterior.observations
+        predictions = tuple(_predict_observation(posterior, draws, i, result.seed) for i in range(len(observations)))
+        others = tuple(
+            OtherRecord(
+                r.name, predict(posterior, draws, r, seed=result.seed), predict(posterior, best[None], r).response[0]
+            )
+            for r in other_records
+        )
+        return cls(
+            result=result,
+            searches=searches,
+            raw_record=raw_record,
+            record=record,
+            title=title,
+            settings=settings,
+            true_values=true_values,
+            truth_loops=tuple(
+                None if t is None else _loop(t, np.zeros((1, 0)), o.record)
+                for t, o in zip(truths, observations, strict=True)
+            ),
+            best_predictions=tuple(posterior.predict(best[None], i)[0] for i in range(len(observations))),
+            predictions=predictions,
+            loops=tuple(_loops(posterior, np.vstack([best, draws]), o.record) for o in observations),
+            search_loops={
+                name: loops
+                for name, search in searches.items()
+                if (loops := _search_loop(posterior, search, best)) is not None
+            },
+            information=identifiability(posterior, best) if isinstance(posterior.model, JaxModel) else None,
+            others=others,
+        )
+
+    # --- figures ------------------------------------------------------------------------------------------------
+
+    def draw(self, folder: Path) -> None:
+        """Draw every figure into a folder, as PNG and PDF.
+
+        Parameters
+        ----------
+        folder : Path
+            The folder; made if it is not there.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        self.figures.clear()
+        self._draw_data(folder)
+        self._draw_responses(folder)
+        self._draw_posterior(folder)
+        self._draw_searches(folder)
+        self._draw_others(folder)
+
+    def _add(self, section: str, name: str, caption: str) -> str:
+        self.figures.append((section, name, caption))
+        return name
+
+    def _draw_data(self, folder: Path) -> None:
+        self.record.plot(folder / self._add("data", "record", f"The record as used: {self.record}."))
+        if not np.array_equal(self.raw_record.values, self.record.values):
+            scale = self.record.pga / self.raw_record.pga
+            self.raw_record.scale(scale).plot_filter(
+                self.record,
+                folder
+                / self._add("data", "processing", "The record before (scaled to the same peak) and after processing."),
+            )
+        for index, observation in enumerate(self.posterior.observations):
+            units = [display_unit(c) for c in observation.channels]
+            columns = [observation.values[:, i] / factor(u) for i, u in enumerate(units)]
+            name = self._add(
+                "data", f"measurement{self._suffix(index)}", f"The measurement on {observation.record.name}."
+            )
+            response_figures.histories(
+                observation.record.time, columns, observation.channels, units, save=folder / name
+            )
+
+    def _suffix(self, index: int) -> str:
+        return "" if len(self.posterior.observations) == 1 else f"_{index + 1}"
+
+    def _draw_responses(self, folder: Path) -> None:
+        for index, observation in enumerate(self.posterior.observations):
+            prediction, best = self.predictions[index], self.best_predictions[index]
+            inner, outer = prediction.band(), prediction.band(discrepancy=True)
+            for c, channel in enumerate(observation.channels):
+                unit = display_unit(channel)
+                by = factor(unit)
+                name = self._add(
+                    "response",
+                    f"response_{channel}{self._suffix(index)}",
+                    f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "
+                    "parameters' uncertainty alone does to the model; the light one, with the discrepancy, is where a measurement "
+                    "would lie.",
+                )
+                response_figures.bands(
+                    prediction.time,
+                    observation.values[:, c] / by,
+                    best[:, c] / by,
+                    (inner[0][:, c] / by, inner[1][:, c] / by),
+                    (outer[0][:, c] / by, outer[1][:, c] / by),
+                    channel,
+                    unit,
+                    save=folder / name,
+                )
+            self._draw_loops(folder, index)
+
+    def _draw_loops(self, folder: Path, index: int) -> None:
+        loops = self.loops[index]
+        if loops is None:
+            return
+        time = self.posterior.observations[index].record.time
+        truth = self.truth_loops[index]
+        known = None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3)
+        caption = "Hysteresis loops at the MAP estimate and at posterior draws (thin)"
+        caption += "." if truth is None else ", against the virtual experiment's, which the calibration has not seen."
+        response_figures.loops(
+            known,
+            (loops[0, :, 0] * 1e3, loops[0, :, 1] * 1e-3),
+            save=folder / self._add("response", f"loops{self._suffix(index)}", caption),
+            names=("virtual experiment", "MAP"),
+            draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in loops[1 : 1 + LOOP_DRAWS]],
+        )
+        low, high = np.quantile(loops[1:, :, 2], [0.05, 0.95], axis=0)
+        response_figures.energy(
+            time,
+            None if truth is None else truth[:, 2],
+            loops[0, :, 2],
+            (low, high),
+            save=folder / self._add("response", f"energy{self._suffix(index)}", "Energy absorbed by the spring."),
+        )
+
+    def _draw_posterior(self, folder: Path) -> None:
+        result, space = self.result, self.posterior.space
+        factors, names = space.factors, space.names
+        units = list(space.units.values())
+        draws = result.thinned(20_000) / factors
+        prior = space.sample(4000, seed=result.seed).values / factors
+        supports = [tuple(b / f) for b, f in zip(space.bounds, factors, strict=True)]
+        best = result.map_estimate / factors
+        truth = {n: v / factors[names.index(n)] for n, v in self.true_values.items()}
+        posterior_figures.marginals(
+            names,
+            units,
+            prior,
+            draws,
+            supports,
+            best,
+            truth,
+            save=folder / self._add("posterior", "marginals", "Priors (with samples) and posterior marginals."),
+        )
+        posterior_figures.pairs(
+            names,
+            units,
+            draws,
+            best,
+            save=folder
+            / self._add(
+                "posterior", "pairs", "Pairs of parameters, their correlation above the diagonal; + is the MAP."
+            ),
+        )
+        if self.information is not None:
+            info = self.information
+            posterior_figures.identifiability(
+                info.names,
+                info.eigenvalues,
+                info.eigenvectors,
+                save=folder
+                / self._add(
+                    "posterior", "identifiability", "What the data see: Fisher information at the MAP estimate."
+                ),
+            )
+        posterior_figures.traces(
+            names,
+            units,
+            result.history / factors,
+            result.discarded,
+            save=folder / self._add("convergence", "traces", "Walkers and ensemble means."),
+        )
+        posterior_figures.acceptance(
+            result.verdict().acceptance,
+            save=folder / self._add("convergence", "acceptance", "Acceptance rate of every walker; dotted: median."),
+        )
+
+    def _draw_searches(self, folder: Path) -> None:
+        if not self.search_loops:
+            return
+        observation = self.posterior.observations[0]
+        channel = observation.channels[0]
+        unit = display_unit(channel)
+        truth = self.truth_loops[0]
+        predictions = {
+            name: self.posterior.predict(self._with_rest(s.best.theta)[None])[0, :, 0] / factor(unit)
+            for name, s in self.searches.items()
+        }
+        response_figures.identified(
+            observation.record.time,
+            observation.values[:, 0] / factor(unit),
+            predictions,
+            None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
+            {n: (v[:, 0] * 1e3, v[:, 1] * 1e-3) for n, v in self.search_loops.items()},
+            channel,
+            unit,
+            save=folder / self._add("deterministic", "identified", "Deterministic calibration: loops and histories."),
+        )
+
+    def _with_rest(self, theta: np.ndarray) -> np.ndarray:
+        return np.concatenate([theta, self.result.map_estimate[len(theta) :]])
+
+    def _draw_others(self, folder: Path) -> None:
+        for index, other in enumerate(self.others):
+            inner, outer = other.prediction.band(), other.prediction.band(discrepancy=True)
+            for c, channel in enumerate(other.prediction.channels):
+                unit = display_unit(channel)
+                by = factor(unit)
+                name = self._add(
+                    "other records", f"other_{index + 1}_{channel}", f"Predicted {channel} for {other.name}."
+                )
+                response_figures.bands(
+                    other.prediction.time,
+                    None,
+                    other.best[:, c] / by,
+                    (inner[0][:, c] / by, inner[1][:, c] / by),
+                    (outer[0][:, c] / by, outer[1][:, c] / by),
+                    channel,
+                    unit,
+                    save=folder / name,
+                )
+
+
+def _predict_observation(posterior: Posterior, draws: np.ndarray, index: int, seed: int) -> Prediction:
+    response = posterior.predict(draws, index)
+    good = np.isfinite(response).all(axis=(1, 2))
+    observation = posterior.observations[index]
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 21, index]))
+    noise = posterior.discrepancy.draw(
+        rng, response[good].shape, posterior.unknowns(draws[good], index), observation.channels
+    )
+    return Prediction(
+        observation.record.time,
+        observation.channels,
+        response[good],
+        response[good] + noise,
+        int((~good).sum()),
+        observation.record.name,
+    )
+
+
+def _loop_channels(model: Any) -> tuple[str, ...] | None:
+    if isinstance(model, BoucWen):
+        return _LOOP
+    channels = getattr(model, "channels", ())
+    if any(base_channel(c) != c for c in channels):
+        # A frame: the first storey, which carries the base shear.
+        return ("drift_1", "restoring_force_1", "absorbed_energy_1")
+    return None
+
+
+def _loop(model: Any, theta: np.ndarray, record: Any) -> np.ndarray | None:
+    loops = _simulate_loops(model, theta, record)
+    return None if loops is None else loops[0]
+
+
+def _simulate_loops(model: Any, theta: np.ndarray, record: Any) -> np.ndarray | None:
+    channels = _loop_channels(model)
+    return None if channels is None else model.recording(*channels).simulate(theta, record).values
+
+
+def _loops(posterior: Posterior, theta: np.ndarray, record: Any) -> np.ndarray | None:
+    return _simulate_loops(posterior.model, np.asarray(posterior.model_parameters(theta)), record)
+
+
+def _search_loop(posterior: Posterior, search: OptimizeResult, best: np.ndarray) -> np.ndarray | None:
+    theta = np.concatenate([search.best.theta, best[len(search.best.theta) :]])[None]
+    loops = _loops(posterior, theta, posterior.observations[0].record)
+    return None if loops is None else loops[0]

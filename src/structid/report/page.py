@@ -1,0 +1,91 @@
+"""One self-contained HTML page: the verdict first, then the numbers, then what they rest on."""
+
+from __future__ import annotations
+
+import base64
+from pathlib import Path
+
+import jinja2
+
+from structid.journal import write_then_rename
+from structid.report import tables
+from structid.report.content import ReportContent
+
+_SECTIONS = {
+    "response": "Response",
+    "posterior": "Posterior",
+    "deterministic": "Deterministic calibration beside it",
+    "other records": "Other records",
+    "convergence": "Convergence",
+    "data": "Data",
+}
+
+
+def write_report(content: ReportContent, folder: Path, timings: dict[str, float]) -> Path:
+    """Write ``report.html`` with every figure inside it.
+
+    Parameters
+    ----------
+    content : ReportContent
+        Drawn into ``folder/figures``.
+    folder : Path
+        Where the page goes.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("structid", "report/templates"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    verdict = content.result.verdict()
+    figures = {
+        section: [
+            (name, caption, _embedded(folder / "figures" / f"{name}.png"))
+            for s, name, caption in content.figures
+            if s == section
+        ]
+        for section in _SECTIONS
+    }
+    page = environment.get_template("report.html").render(
+        title=content.title,
+        verdict=verdict,
+        sections=_SECTIONS,
+        figures=figures,
+        settings=content.settings,
+        sentence=_sentence(content),
+        information=content.information,
+        tables={
+            "response": [],
+            "posterior": [
+                ("Identifiability at the MAP estimate", tables.identifiability_table(content)),
+                ("Priors", tables.prior_table(content)),
+            ],
+            "deterministic": [("Minima", tables.deterministic_table(content))] if content.searches else [],
+            "other records": [("Peak response", tables.others_table(content))],
+            "convergence": [("Diagnostics", tables.convergence_table(content))],
+            "data": [],
+        },
+        main=tables.posterior_table(content),
+        run=tables.run_table(content, timings),
+    )
+    write_then_rename(folder / "report.html", page.encode())
+    return folder / "report.html"
+
+
+def _embedded(path: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+
+
+def _sentence(content: ReportContent) -> str:
+    """Say in one sentence what was done."""
+    posterior = content.posterior
+    records = ", ".join(o.record.name for o in posterior.observations)
+    channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
+    return (
+        f"{len(posterior.model_space.names)} parameters of a {type(posterior.model).__name__} calibrated against the measured {channels} "
+        f"on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
+    )

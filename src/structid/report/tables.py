@@ -1,0 +1,236 @@
+"""Tables of a report: rows of text, numbers with as many digits as they deserve."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+from typing import Any
+
+import numpy as np
+
+from structid.figures.style import pretty, pretty_unit
+from structid.report.content import ReportContent
+from structid.units import label
+
+Table = tuple[list[str], list[list[str]]]
+"""Heads and rows."""
+
+
+def number(value: float, error: float | None = None) -> str:
+    """A number with two digits of its uncertainty, or four significant digits.
+
+    Parameters
+    ----------
+    value : float
+        The number.
+    error : float, optional
+        Its uncertainty.
+
+    Returns
+    -------
+    str
+        Such as ``"5.350"`` for 5.34972 ± 0.012.
+    """
+    if not np.isfinite(value):
+        return "–"
+    if error is None or not np.isfinite(error) or error <= 0:
+        return f"{value:.4g}"
+    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 12))
+    magnitude = max(abs(value), error)
+    return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
+
+
+def posterior_table(content: ReportContent) -> Table:
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the source's tables have them.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows, in display units.
+    """
+    summary = content.result.summary()
+    factors = content.posterior.factors
+    heads = ["parameter", "mean", "sd", "5 %", "95 %", "MAP"]
+    if content.true_values:
+        heads.append("truth")
+    rows = []
+    for i, (name, unit) in enumerate(zip(summary.names, summary.units, strict=True)):
+        c = {k: float(v[i]) for k, v in summary.columns.items()}
+        shown = [number(c[k], c["sd"]) for k in ("mean", "q05", "q95", "map")]
+        row = [label(pretty(name), pretty_unit(unit)), shown[0], f"{c['sd']:.2g}", *shown[1:]]
+        if content.true_values:
+            truth = content.true_values.get(name)
+            row.append("–" if truth is None else number(truth / factors[i]))
+        rows.append(row)
+    return heads, rows
+
+
+def convergence_table(content: ReportContent) -> Table:
+    """R-hat, effective sample sizes and autocorrelation time of every parameter.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    verdict = content.result.verdict()
+    heads = ["parameter", "R-hat", "ESS bulk", "ESS tail", "τ [steps]", "kept steps / τ"]
+    rows = [
+        [
+            pretty(name),
+            f"{d.r_hat:.4f}",
+            f"{d.bulk_size:.0f}",
+            f"{d.tail_size:.0f}",
+            f"{d.autocorrelation_time:.1f}",
+            f"{verdict.kept_steps / d.autocorrelation_time:.0f}",
+        ]
+        for name, d in verdict.parameters.items()
+    ]
+    return heads, rows
+
+
+def deterministic_table(content: ReportContent) -> Table:
+    """Deterministic minima beside the Bayesian MAP and mean.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows, in display units.
+    """
+    names = content.posterior.model_space.names
+    factors, units = content.posterior.model_space.factors, content.posterior.model_space.units
+    heads = ["method", *(label(pretty(n), pretty_unit(units[n])) for n in names), "unexplained", "starts", "at a bound"]
+    rows = []
+    for method, search in content.searches.items():
+        for minimum in search.minima[:4]:
+            rows.append(
+                [
+                    method,
+                    *(f"{v:.5g}" for v in minimum.theta / factors),
+                    f"{minimum.value / search.scale:.3%}",
+                    f"{minimum.starts} of {len(search.values)}",
+                    ", ".join(pretty(n) for n in minimum.on_boundary) or "–",
+                ]
+            )
+    size = len(names)
+    misfit = content.posterior.misfit
+    for kind, theta in (("posterior MAP", content.result.map_estimate), ("posterior mean", content.result.mean)):
+        share = float(misfit(theta[None, :size])[0]) / misfit.scale
+        rows.append([kind, *(f"{v:.5g}" for v in theta[:size] / factors), f"{share:.3%}", "–", "–"])
+    return heads, rows
+
+
+def prior_table(content: ReportContent) -> Table:
+    """Priors as the study gave them.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    rows = [[pretty(name), str(marginal)] for name, marginal in content.posterior.space.marginals.items()]
+    return ["parameter", "prior (native parameters)"], rows
+
+
+def identifiability_table(content: ReportContent) -> Table | None:
+    """Combinations of parameters by what the data say of them.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list or None
+        Heads and rows.
+    """
+    info = content.information
+    if info is None:
+        return None
+    rows = [[str(i + 1), f"{v:.3g}", info.combination(i)] for i, v in enumerate(info.eigenvalues)]
+    return ["combination", "information / prior's", "in prior standard deviations"], rows
+
+
+def run_table(content: ReportContent, timings: dict[str, float]) -> Table:
+    """Settings, versions and timings.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    result, sampler = content.result, content.result.sampler
+    steps, ensembles, walkers = result.history.shape[:3]
+    rows = [
+        ["model", str(content.posterior.model)],
+        [
+            "sampler",
+            f"AIES, {ensembles} ensembles × {walkers} walkers × {steps} steps, {sampler.discard:.0%} discarded, "
+            f"{sampler.differential_evolution:.0%} differential-evolution moves, seed {result.seed}",
+        ],
+        ["model runs in sampling", f"{steps * ensembles * walkers:,}"],
+        *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
+        [
+            "versions",
+            ", ".join(f"{n} {importlib.metadata.version(n)}" for n in ("structid", "jax", "numpyro", "numpy", "scipy")),
+        ],
+        ["machine", f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"],
+    ]
+    return ["what", "value"], rows
+
+
+def others_table(content: ReportContent) -> Table | None:
+    """Peak responses predicted for other records.
+
+    Parameters
+    ----------
+    content : ReportContent
+        The content.
+
+    Returns
+    -------
+    tuple of list or None
+        Heads and rows, in display units.
+    """
+    from structid.histories import display_unit
+    from structid.units import factor
+
+    rows: list[list[Any]] = []
+    for other in content.others:
+        for c, channel in enumerate(other.prediction.channels):
+            unit = display_unit(channel)
+            peaks = other.prediction.peaks[:, c] / factor(unit)
+            low, median, high = np.quantile(peaks, [0.05, 0.5, 0.95])
+            spread = high - low
+            rows.append(
+                [other.name, label(channel, pretty_unit(unit)), *(number(v, spread) for v in (low, median, high))]
+            )
+    return (["record", "largest", "5 %", "median", "95 %"], rows) if rows else None

@@ -1,0 +1,1 @@
+"""Studies: a TOML file that says a whole calibration in words, with units."""

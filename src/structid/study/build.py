@@ -1,0 +1,324 @@
+"""From the words of a study file to records, model, space and posterior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError, suggestion
+from structid.ground_motion.record import GroundMotion
+from structid.histories import CHANNEL_UNITS, Histories, base_channel
+from structid.inference.discrepancy import IID
+from structid.inference.ensemble import AIES
+from structid.inference.posterior import Observation, Posterior
+from structid.journal import digest
+from structid.models.base import JaxModel
+from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
+from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
+from structid.probability import marginals
+from structid.probability.marginals import Marginal
+from structid.probability.space import ParameterSpace
+from structid.study.schema import (
+    ObservationSection,
+    PriorSection,
+    RecordSection,
+    StudyFile,
+    VirtualSection,
+)
+from structid.units import factor, to_si
+
+_FAMILIES = {
+    "uniform": (marginals.Uniform, ("low", "high")),
+    "normal": (marginals.Normal, ("mean", "sd", "low", "high")),
+    "lognormal": (marginals.LogNormal, ("mean", "sd", "log_mean", "log_sd", "low", "high")),
+    "gamma": (marginals.Gamma, ("mean", "sd", "shape", "rate", "low", "high")),
+    "beta": (marginals.Beta, ("mean", "sd", "a", "b", "low", "high")),
+    "weibull": (marginals.Weibull, ("mean", "sd", "shape", "scale", "low", "high")),
+    "gumbel": (marginals.Gumbel, ("mean", "sd", "location", "scale", "low", "high")),
+}
+_WITH_UNIT = ("mean", "sd", "low", "high", "scale", "location")
+_PURE = ("shape", "rate", "log_mean", "log_sd", "a", "b")
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltStudy:
+    """Everything a study needs to run.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file said.
+    folder : Path
+        Where its relative paths start.
+    raw_record, record : GroundMotion
+        The study's record as read, and after processing.
+    posterior : Posterior
+        Of the model's parameters and the discrepancy's.
+    sampler : AIES
+        Its settings.
+    truths : tuple
+        For each observation the true model of a virtual experiment, or None.
+    other_records : tuple of GroundMotion
+        Records to predict for.
+    """
+
+    file: StudyFile
+    folder: Path
+    raw_record: GroundMotion
+    record: GroundMotion
+    posterior: Posterior
+    sampler: AIES
+    truths: tuple[JaxModel | None, ...]
+    other_records: tuple[GroundMotion, ...]
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything the draws depend on."""
+        return digest(self.posterior.content_hash, self.sampler.describe(), self.file.seed)
+
+    @property
+    def true_values(self) -> dict[str, float]:
+        """True values of the sampled parameters in a virtual experiment, in SI, where the two models share a name."""
+        truth = self.truths[0]
+        if truth is None:
+            return {}
+        values = {n: getattr(truth, n, None) for n in self.posterior.model_space.names}
+        return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}
+
+
+def build(file: StudyFile, folder: Path) -> BuiltStudy:
+    """Build a study.
+
+    Parameters
+    ----------
+    file : StudyFile
+        The checked file.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    BuiltStudy
+        Ready to run.
+
+    Raises
+    ------
+    InputError
+        If its parts do not fit together.
+    """
+    raw = _read_record(file.record, folder, "record")
+    record = _process(raw, file.record, "record")
+    space = _space(file)
+    channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
+    model = _model(file.model, space, channels)
+    observations, truths = [], []
+    for index, section in enumerate(file.observation):
+        where = "observation" if len(file.observation) == 1 else f"observation.{index}"
+        own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
+        observation, truth = _observation(section, own, folder, where, file.seed + index, file.model.type)
+        observations.append(observation)
+        truths.append(truth)
+    posterior = Posterior(space, model, observations, _discrepancy(file, channels))
+    settings = file.sampler.model_dump(exclude={"kind"})
+    others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
+    return BuiltStudy(file, folder, raw, record, posterior, AIES(**settings), tuple(truths), others)
+
+
+# --- records --------------------------------------------------------------------------------------------------------
+
+
+def load_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
+    """Read or make a record and process it.
+
+    Parameters
+    ----------
+    section : RecordSection
+        What the file says.
+    folder : Path
+        Where relative paths start.
+    where : str
+        The key, for messages.
+
+    Returns
+    -------
+    GroundMotion
+        The processed record.
+    """
+    return _process(_read_record(section, folder, where), section, where)
+
+
+def _read_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:
+    if (section.file is None) == (section.synthetic is None):
+        came = "neither file nor synthetic" if section.file is None else "both file and synthetic"
+        raise InputError(f"key '{where}'", came, "exactly one of the two")
+    if section.synthetic is not None:
+        record = GroundMotion.synthetic(**section.synthetic.model_dump())
+    else:
+        assert section.file is not None
+        record = GroundMotion.read(folder / section.file, section.dt, section.unit, section.column)
+    return replace(record, name=section.name) if section.name else record
+
+
+def _process(record: GroundMotion, section: RecordSection, where: str) -> GroundMotion:
+    if section.baseline is not None:
+        record = record.baseline(section.baseline)
+    order = section.filter_order
+    if section.highpass is not None and section.lowpass is not None:
+        record = record.bandpass(section.highpass, section.lowpass, order or 4)
+    elif section.highpass is not None:
+        record = record.highpass(section.highpass, order or 4)
+    elif section.lowpass is not None:
+        record = record.lowpass(section.lowpass, order)
+    if section.resample is not None:
+        record = record.resample(section.resample)
+    if section.trim is not None:
+        record = record.trim(*section.trim)
+    if section.pga is not None and section.scale is not None:
+        raise InputError(f"key '{where}'", "both pga and scale", "one of the two")
+    if section.pga is not None:
+        return record.scale_to_pga(section.pga)
+    return record if section.scale is None else record.scale(section.scale)
+
+
+# --- parameters -----------------------------------------------------------------------------------------------------
+
+
+def _prior(section: PriorSection, where: str, si_unit: str) -> Marginal:
+    make, allowed = _FAMILIES[section.distribution]
+    unit = si_unit if section.unit is None else section.unit
+    values: dict[str, Any] = {}
+    for name in (*_WITH_UNIT, *_PURE):
+        value = getattr(section, name)
+        if value is None:
+            continue
+        if name not in allowed:
+            raise InputError(
+                f"key '{where}.{name}'", f"it is given for a {section.distribution} distribution", ", ".join(allowed)
+            )
+        values[name] = to_si(value, unit, f"key '{where}.{name}'") / factor(unit) if name in _WITH_UNIT else value
+    try:
+        return make(**values, unit=unit)
+    except TypeError:
+        missing = [n for n in allowed[:2] if n not in values]
+        raise InputError(f"key '{where}'", f"{', '.join(missing)} missing", f"{', '.join(allowed[:2])}") from None
+    except InputError as error:
+        raise InputError(f"key '{where}': {error.where}", error.came, error.allowed, error.cure) from None
+
+
+def _space(file: StudyFile) -> ParameterSpace:
+    priors = {}
+    for name, section in file.parameters.items():
+        base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
+        priors[name] = _prior(section, f"parameters.{name}", PARAMETER_UNITS.get(base, ""))
+        if base in PARAMETER_UNITS and section.unit is not None:
+            to_si(f"1 {section.unit}", PARAMETER_UNITS[base], f"key 'parameters.{name}.unit'")
+    correlation = {}
+    for pair, value in file.correlation.items():
+        names = [n.strip() for n in pair.split(",")]
+        if len(names) != 2:
+            raise InputError(f"key 'correlation.{pair}'", f"'{pair}'", 'two names, such as "stiffness, alpha" = 0.4')
+        correlation[names[0], names[1]] = value
+    return ParameterSpace(correlation or None, file.derived, **priors)
+
+
+# --- model ----------------------------------------------------------------------------------------------------------
+
+
+def _model(section: Any, space: ParameterSpace, channels: tuple[str, ...]) -> JaxModel:
+    """Build the model with every parameter it knows and the space has as free."""
+    given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
+    known = set(PARAMETER_UNITS) if section.type == "bouc_wen" else _frame_parameters(section.storeys)
+    free = tuple(n for n in space.all_names if n in known)
+    for name in space.names:
+        if name in given:
+            raise InputError(
+                f"key 'parameters.{name}'",
+                "it has a value in [model] as well",
+                "a prior or a value",
+                "Remove one of them.",
+            )
+        # A sampled name the model lacks must at least be an ingredient of a derived one.
+        if name not in known and set(space.names) == set(space.all_names):
+            raise InputError(
+                f"key 'parameters.{name}'",
+                f"the model {section.type} has no parameter '{name}'",
+                ", ".join(sorted(known)),
+                suggestion(name, known),
+            )
+    return _construct(section.type, given, free, channels)
+
+
+def _construct(kind: str, given: dict[str, Any], free: tuple[str, ...], channels: tuple[str, ...]) -> JaxModel:
+    if kind == "bouc_wen":
+        return BoucWen(free=free, channels=channels, **given)
+    return ShearFrame(free=free, channels=channels, **given)
+
+
+def _frame_parameters(storeys: int) -> set[str]:
+    numbered = {f"{n}_{j}" for n in STOREY_PARAMETERS for j in range(1, storeys + 1)}
+    return {"damping_ratio", *STOREY_PARAMETERS, *numbered}
+
+
+# --- observations ---------------------------------------------------------------------------------------------------
+
+
+def _observation(
+    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, kind: str
+) -> tuple[Observation, JaxModel | None]:
+    if (section.file is None) == (section.virtual is None):
+        came = "neither file nor virtual" if section.file is None else "both file and virtual"
+        raise InputError(f"key '{where}'", came, "exactly one of the two")
+    unit = CHANNEL_UNITS.get(base_channel(section.channels[0]), ("", ""))[0]
+    nuisances = {
+        name: _prior(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
+        for name in ("gain", "offset", "time_shift")
+        if (prior := getattr(section, name)) is not None
+    }
+    if section.virtual is not None:
+        truth, values = _virtual_experiment(section.virtual, record, section.channels, seed)
+        return Observation(record, values, section.channels, name=where, **nuisances), truth
+    assert section.file is not None
+    if len(section.channels) != 1:
+        raise InputError(
+            f"key '{where}.channels'",
+            f"{list(section.channels)} from one file",
+            "one channel for each file",
+            "Give each channel its own [[observation]].",
+        )
+    if section.unit is None:
+        raise InputError(
+            f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
+        )
+    to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
+    path = folder / section.file
+    return Observation.read(
+        record, path, section.unit, section.channels[0], section.column, section.dt, **nuisances
+    ), None
+
+
+def _virtual_experiment(
+    section: VirtualSection, record: GroundMotion, channels: tuple[str, ...], seed: int
+) -> tuple[JaxModel, np.ndarray]:
+    """Simulate the true model and add white noise of a fraction of each channel's RMS."""
+    given = {k: v for k, v in section.model.model_dump(exclude={"type"}).items() if v is not None}
+    truth = _construct(section.model.type, given, (), channels)
+    run: Histories = truth.simulate(np.zeros((1, 0)), record)
+    if not run.done[0]:
+        raise InputError(
+            "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
+        )
+    values = run.values[0]
+    rng = np.random.default_rng(np.random.SeedSequence([seed if section.seed is None else section.seed, 0x6E6F6973]))
+    rms = np.sqrt((values**2).mean(axis=0))
+    return truth, values + section.noise * rms * rng.standard_normal(values.shape)
+
+
+def _discrepancy(file: StudyFile, channels: tuple[str, ...]) -> IID:
+    section = file.discrepancy
+    if isinstance(section.variance, PriorSection):
+        unit = CHANNEL_UNITS.get(base_channel(channels[0]), ("", ""))[0]
+        return IID(_prior(section.variance, "discrepancy.variance", f"({unit})^2"), section.per_channel)
+    return IID(section.variance, section.per_channel)

@@ -1,0 +1,286 @@
+"""Run a study from its file to its report; everything that is finished is on disk, and a killed run goes on from there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.inference.posterior import Posterior
+from structid.inference.result import SamplingResult
+from structid.inference.sampling import sample
+from structid.journal import compare_identity, write_then_rename
+from structid.models.base import Progress
+from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
+from structid.report.content import ReportContent
+from structid.report.page import write_report
+from structid.study.build import BuiltStudy, build
+from structid.study.schema import read_study
+
+Stage = Callable[[str], Any]
+"""Opens a progress bar for a stage: a context manager that gives a `Progress`."""
+
+_SEARCHES = {"pattern_search": pattern_search, "interior_point": interior_point}
+_STUDY, _IDENTITY, _TIMINGS = "study.toml", "identity.json", "timings.json"
+
+
+@contextmanager
+def silent(_: str) -> Iterator[Progress | None]:
+    """Stage without a progress bar.
+
+    Yields
+    ------
+    None
+        No progress wanted.
+    """
+    yield None
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What a run of a study leaves.
+
+    Parameters
+    ----------
+    result : SamplingResult
+        Draws and verdict.
+    searches : dict of str to OptimizeResult
+        Deterministic calibrations by method.
+    report : Path
+        The page.
+    """
+
+    result: SamplingResult
+    searches: dict[str, OptimizeResult]
+    report: Path
+
+
+def load(path: str | Path) -> BuiltStudy:
+    """Read and build a study file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    BuiltStudy
+        Ready to run.
+    """
+    return build(read_study(path), Path(path).resolve().parent)
+
+
+def run_study(path: str | Path, out: str | Path, resume: bool = False, stage: Stage = silent) -> Outcome:
+    """Run a study.
+
+    Parameters
+    ----------
+    path : path-like
+        The study file.
+    out : path-like
+        Folder for everything it makes.
+    resume : bool
+        Go on with what is in that folder.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    Outcome
+        Result, searches, report.
+
+    Raises
+    ------
+    InputError
+        If the file is wrong, or the folder holds something else; nothing is written then.
+    """
+    study = load(path)
+    folder = Path(out)
+    _claim(folder, study, Path(path), resume)
+    return _work(study, folder, stage)
+
+
+def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
+    """Write the report again from what is stored.
+
+    Parameters
+    ----------
+    folder : path-like
+        A folder `run_study` has filled.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    Outcome
+        The same result and a fresh page.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no finished study.
+    """
+    folder = Path(folder)
+    identity = folder / _IDENTITY
+    if not identity.is_file() or not (folder / "chains.h5").is_file():
+        raise InputError(
+            f"{folder}",
+            "it holds no finished study",
+            "a folder that structid run has filled",
+            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+        )
+    told = json.loads(identity.read_text())
+    study = build(read_study(folder / _STUDY), Path(told["folder"]))
+    compare_identity(folder, {"study": told["study"]}, {"study": study.content_hash})
+    return _work(study, folder, stage)
+
+
+def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool) -> None:
+    """Take a folder for this study, or refuse it; nothing in it is touched when it is refused."""
+    told = folder / _IDENTITY
+    if told.is_file():
+        compare_identity(folder, {"study": json.loads(told.read_text())["study"]}, {"study": study.content_hash})
+        if not resume:
+            raise InputError(
+                f"--out {folder}",
+                "it already holds this study",
+                "an empty or new folder",
+                "Add --resume to go on with it, or name another folder.",
+            )
+    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            f"--out {folder}", "it is not empty and holds no study", "an empty or new folder", "Name another folder."
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    if path.resolve() != (folder / _STUDY).resolve():
+        shutil.copyfile(path, folder / _STUDY)
+    identity = {"study": study.content_hash, "name": study.file.name, "folder": str(study.folder)}
+    write_then_rename(told, json.dumps(identity, indent=2).encode())
+
+
+def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
+    timings = _Timings(folder / _TIMINGS)
+    searches = _deterministic(study, folder, stage, timings)
+    with stage("sampling") as progress, timings.measured("sampling"):
+        result = sample(study.posterior, study.sampler, study.file.seed, folder / "chains.h5", progress=progress)
+    timings.put("sampling", result.seconds)
+    with stage("predicting and drawing"), timings.measured("predicting and drawing"):
+        content = ReportContent.gather(
+            result,
+            searches,
+            study.raw_record,
+            study.record,
+            truths=study.truths,
+            true_values=study.true_values,
+            other_records=study.other_records,
+            prediction_draws=study.file.prediction.draws,
+            title=study.file.title or study.file.name,
+            settings=(folder / _STUDY).read_text(),
+        )
+        content.draw(folder / "figures")
+        result.to_netcdf(folder / "posterior.nc")
+    report = write_report(content, folder, timings.seconds)
+    return Outcome(result, searches, report)
+
+
+class _Timings:
+    """Seconds of every stage, kept on disk: a stage that was read back from disk keeps the time it once took."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.seconds: dict[str, float] = json.loads(path.read_text()) if path.is_file() else {}
+
+    def put(self, name: str, seconds: float) -> None:
+        self.seconds[name] = seconds
+        write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
+
+    @contextmanager
+    def measured(self, name: str) -> Iterator[None]:
+        began = time.perf_counter()
+        yield
+        self.put(name, time.perf_counter() - began)
+
+
+def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings) -> dict[str, OptimizeResult]:
+    """Run or read back the deterministic calibrations."""
+    section = study.file.deterministic
+    found: dict[str, OptimizeResult] = {}
+    for method in section.methods:
+        stored = folder / f"{method}.json"
+        name = method.replace("_", " ")
+        settings = section.model_dump(mode="json")
+        if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
+            found[name] = _read_search(stored, study.posterior)
+            continue
+        with stage(name) as progress, timings.measured(name):
+            found[name] = _SEARCHES[method](
+                study.posterior.misfit,
+                bounds=_bounds(study),
+                constraints=section.constraints,
+                starts=section.starts,
+                seed=study.file.seed,
+                progress=progress,
+            )
+        found[name].to_text(folder / f"{method}.txt")
+        _write_search(stored, found[name], settings)
+    return found
+
+
+def _bounds(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
+    from structid.units import to_si
+
+    space = study.posterior.model_space
+    bounds = {}
+    for name, pair in study.file.deterministic.bounds.items():
+        if name not in space.names:
+            raise InputError(f"key 'deterministic.bounds.{name}'", "no such parameter", ", ".join(space.names))
+        unit = space.units[name]
+        bounds[name] = (
+            to_si(pair[0], unit, f"key 'deterministic.bounds.{name}'"),
+            to_si(pair[1], unit, f"key 'deterministic.bounds.{name}'"),
+        )
+    return bounds or None
+
+
+def _write_search(path: Path, result: OptimizeResult, settings: dict[str, Any]) -> None:
+    content = {
+        "settings": settings,
+        "method": result.method,
+        "evaluations": result.evaluations,
+        "scale": result.scale,
+        "ends": result.ends.tolist(),
+        "values": result.values.tolist(),
+        "minima": [
+            {"theta": m.theta.tolist(), "value": m.value, "starts": m.starts, "on_boundary": m.on_boundary}
+            for m in result.minima
+        ],
+    }
+    write_then_rename(path, json.dumps(content, indent=2).encode())
+
+
+def _read_search(path: Path, posterior: Posterior) -> OptimizeResult:
+    content = json.loads(path.read_text())
+    space = posterior.model_space
+    minima = tuple(
+        Minimum(np.array(m["theta"]), m["value"], m["starts"], tuple(m["on_boundary"])) for m in content["minima"]
+    )
+    return OptimizeResult(
+        content["method"],
+        space.names,
+        minima,
+        content["evaluations"],
+        content["scale"],
+        np.array(content["ends"]),
+        np.array(content["values"]),
+        space.units,
+        space.factors,
+    )

@@ -1,0 +1,339 @@
+"""What a study file may say: every key, its unit, its default. Unknown keys are errors with the nearest known one."""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+import pydantic
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+
+from structid.errors import InputError
+from structid.models.bouc_wen import PARAMETER_UNITS
+from structid.models.shear_frame import STOREY_PARAMETERS
+from structid.units import to_si
+
+
+def quantity(unit: str) -> Any:
+    """Type of a number in SI that a file gives as a number in SI or as a text with a unit.
+
+    Parameters
+    ----------
+    unit : str
+        The SI unit.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
+
+
+class Section(BaseModel):
+    """A table of the file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
+
+
+class SyntheticSection(Section):
+    """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
+
+    seed: int
+    duration: quantity("s") = 40.0
+    dt: quantity("s") = 0.01
+    arias: quantity("m/s") = 1.0
+    significant_duration: quantity("s") = 10.0
+    middle: quantity("s") = 8.0
+    frequency: quantity("Hz") = 2.0
+    frequency_slope: float = -0.02
+    bandwidth: float = 0.4
+
+
+class RecordSection(Section):
+    """Where the ground motion comes from, and what is done to it, in this order: baseline, filters, resample, trim, scale."""
+
+    file: str | None = None
+    synthetic: SyntheticSection | None = None
+    name: str | None = None
+    unit: str | None = None
+    dt: quantity("s") | None = None
+    column: int | None = None
+    baseline: Literal["constant", "linear"] | None = None
+    highpass: quantity("Hz") | None = None
+    lowpass: quantity("Hz") | None = None
+    filter_order: int | None = None
+    resample: quantity("s") | None = None
+    trim: tuple[quantity("s"), quantity("s")] | None = None
+    pga: quantity("m/s^2") | None = None
+    scale: float | None = None
+
+
+class PriorSection(Section):
+    """A prior distribution; numbers are in `unit`, or texts with their own unit."""
+
+    distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel"]
+    unit: str | None = None
+    mean: float | str | None = None
+    sd: float | str | None = None
+    low: float | str | None = None
+    high: float | str | None = None
+    shape: float | None = None
+    rate: float | None = None
+    scale: float | str | None = None
+    location: float | str | None = None
+    log_mean: float | None = None
+    log_sd: float | None = None
+    a: float | None = None
+    b: float | None = None
+
+
+_BoucWenParameters = create_model(  # type: ignore[call-overload]
+    "_BoucWenParameters", __base__=Section, **{n: (quantity(u) | None, None) for n, u in PARAMETER_UNITS.items()}
+)
+
+
+class BoucWenSection(_BoucWenParameters):  # type: ignore[valid-type, misc]
+    """The oscillator: parameters that are known, by the names of `BoucWen`; the rest have priors."""
+
+    type: Literal["bouc_wen"]
+    substeps: int | None = None
+
+
+def _per_storey(unit: str) -> Any:
+    return quantity(unit) | tuple[quantity(unit), ...] | None
+
+
+_FrameParameters = create_model(  # type: ignore[call-overload]
+    "_FrameParameters", __base__=Section, **{n: (_per_storey(PARAMETER_UNITS[n]), None) for n in STOREY_PARAMETERS}
+)
+
+
+class ShearFrameSection(_FrameParameters):  # type: ignore[valid-type, misc]
+    """The frame: parameters that are known, by the names of `ShearFrame`; the rest have priors."""
+
+    type: Literal["shear_frame"]
+    storeys: int
+    damping_ratio: quantity("") | None = None
+    damping: Literal["modal", "rayleigh"] = "modal"
+    rayleigh_mode: int = 3
+    substeps: int | None = None
+
+
+ModelSection = Annotated[BoucWenSection | ShearFrameSection, Field(discriminator="type")]
+
+
+class VirtualSection(Section):
+    """A virtual experiment: the true model's parameters, and the noise as a fraction of each channel's RMS."""
+
+    noise: quantity("") = 0.0
+    seed: int | None = None
+    model: ModelSection
+
+
+class ObservationSection(Section):
+    """A measured history, or a virtual one; with its own record if it is not the study's."""
+
+    channels: tuple[str, ...] = ("velocity",)
+    file: str | None = None
+    unit: str | None = None
+    column: int | None = None
+    dt: quantity("s") | None = None
+    virtual: VirtualSection | None = None
+    record: RecordSection | None = None
+    gain: PriorSection | None = None
+    offset: PriorSection | None = None
+    time_shift: PriorSection | None = None
+
+
+class DiscrepancySection(Section):
+    """The law of the difference between model and measurement."""
+
+    kind: Literal["iid"] = "iid"
+    variance: float | PriorSection | None = None
+    per_channel: bool = True
+
+
+class SamplerSection(Section):
+    """The sampler; see `AIES`. The defaults are ones that converge on the benchmark study."""
+
+    kind: Literal["aies"] = "aies"
+    walkers: int = 32
+    steps: int = 3000
+    ensembles: int = 4
+    stretch: float = 2.0
+    differential_evolution: float = 0.8
+    discard: float = 0.3
+    start_candidates: int = 10
+    settling_steps: int = 500
+
+
+class DeterministicSection(Section):
+    """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
+
+    methods: tuple[Literal["pattern_search", "interior_point"], ...] = ("pattern_search", "interior_point")
+    starts: int = 10
+    constraints: tuple[str, ...] = ()
+    bounds: dict[str, tuple[float | str, float | str]] = {}
+
+
+class PredictionSection(Section):
+    """Prediction for other records."""
+
+    records: tuple[RecordSection, ...] = ()
+    draws: int = 400
+
+
+class StudyFile(Section):
+    """A whole study."""
+
+    name: str
+    title: str = ""
+    seed: int = 1
+    record: RecordSection
+    model: ModelSection
+    parameters: dict[str, PriorSection]
+    derived: dict[str, str] = {}
+    correlation: dict[str, float] = {}
+    observation: Annotated[
+        tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
+    ]
+    discrepancy: DiscrepancySection = DiscrepancySection()
+    sampler: SamplerSection = SamplerSection()
+    deterministic: DeterministicSection = DeterministicSection()
+    prediction: PredictionSection = PredictionSection()
+
+
+class StudyErrors(InputError):
+    """Everything that is wrong with a study file.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    problems : list of str
+        One paragraph for each.
+    """
+
+    def __init__(self, path: str, problems: list[str]) -> None:
+        self.path, self.problems = path, problems
+        Exception.__init__(self, "\n".join(f"{path}: {p}" for p in problems))
+
+    def __reduce__(self) -> Any:
+        return (StudyErrors, (self.path, self.problems))
+
+
+def read_study(path: str | Path) -> StudyFile:
+    """Read a study file and check every key.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file.
+
+    Returns
+    -------
+    StudyFile
+        Its content, quantities in SI.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise InputError(
+            f"{path}", f"it is no TOML: {cause}", "a TOML file", 'A text value needs quotes: mass = "12 t".'
+        ) from None
+    return parse_study(content, str(path))
+
+
+def parse_study(content: dict[str, Any], path: str = "study") -> StudyFile:
+    """Check the content of a study file.
+
+    Parameters
+    ----------
+    content : dict
+        As TOML gives it.
+    path : str
+        Its name, for messages.
+
+    Returns
+    -------
+    StudyFile
+        The study.
+
+    Raises
+    ------
+    StudyErrors
+        With everything that is wrong.
+    """
+    try:
+        return StudyFile.model_validate(content)
+    except pydantic.ValidationError as errors:
+        problems = dict.fromkeys(_problem(error, content) for error in errors.errors())
+        raise StudyErrors(path, list(problems)) from None
+
+
+_VARIANTS = {"bouc_wen", "shear_frame", "float", "str", "PriorSection", "int"}
+"""Steps of pydantic's locations that name a variant of a type, not a key."""
+
+
+def _problem(error: Any, content: dict[str, Any]) -> str:
+    """One paragraph: key, what came, what is allowed, what to do."""
+    steps = [s for s in error["loc"] if not (isinstance(s, str) and (s in _VARIANTS or "[" in s or "tuple" in s))]
+    if steps[:1] == ["observation"] and isinstance(content.get("observation"), dict):
+        steps = [s for s in steps if s != 0]  # a single table stands for a list of one
+    key = ".".join(str(s) for s in steps) or "the file"
+    cause = error.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        return f"key '{key}': {cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
+    match error["type"]:
+        case "extra_forbidden":
+            known = _known_keys(steps[:-1], content)
+            near = difflib.get_close_matches(str(steps[-1]), known, n=1, cutoff=0.4)
+            hint = f" Did you mean '{near[0]}'?" if near else ""
+            return f"key '{key}': an unknown key. Allowed here: {', '.join(known)}.{hint}"
+        case "missing":
+            return f"key '{key}': it is missing. Add it."
+        case "literal_error" | "union_tag_invalid":
+            expected = error["ctx"].get("expected") or error["ctx"].get("expected_tags")
+            return f"key '{key}': {error['input']!r}. Allowed: {expected}."
+        case "union_tag_not_found":
+            return f"key '{key}.type': it is missing. Allowed: 'bouc_wen' or 'shear_frame'."
+        case _:
+            return f"key '{key}': {error['input']!r}. {error['msg']}."
+
+
+def _known_keys(steps: list[Any], content: dict[str, Any]) -> list[str]:
+    """Keys that the table at a place of the file may have."""
+    tables: list[Any] = [StudyFile]
+    here: Any = content
+    for step in steps:
+        here = here[step] if isinstance(here, (dict, list)) and (isinstance(step, int) or step in here) else {}
+        if isinstance(step, int):
+            continue
+        found: list[Any] = []
+        for table in tables:
+            field = table.model_fields.get(step) if isinstance(table, type) and issubclass(table, BaseModel) else None
+            found += _tables(field.annotation) if field else [table] if table is PriorSection else []
+        tables = found
+    kind = here.get("type") if isinstance(here, dict) else None
+    if kind is not None:
+        tables = [t for t in tables if kind in get_args(t.model_fields["type"].annotation)] or tables
+    return sorted({name for table in tables for name in table.model_fields})
+
+
+def _tables(annotation: Any) -> list[Any]:
+    """All sections a field's annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    arguments = get_args(annotation) if get_origin(annotation) is not None else ()
+    return [table for argument in arguments for table in _tables(argument)]
