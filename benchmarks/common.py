@@ -26,6 +26,8 @@ import structid as si  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
+QUICK = ROOT / "build" / "benchmarks"
+"""Where a quick run writes: its numbers must not stand among the published ones."""
 
 
 # --- command line and places ------------------------------------------------------------------------------------
@@ -39,8 +41,8 @@ def is_quick(description: str) -> bool:
 
 
 def documents(quick: bool) -> Path:
-    """Return where tables and figures go: a quick run must not overwrite published numbers."""
-    folder = RESULTS / "quick" if quick else ROOT / "docs"
+    """Return where tables and figures go: docs/, or beside the other results of a quick run."""
+    folder = QUICK if quick else ROOT / "docs"
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     return folder
 
@@ -50,14 +52,23 @@ def documents(quick: bool) -> Path:
 
 @dataclass(frozen=True)
 class Timing:
-    """Wall-clock seconds of every repeat of one callable."""
+    """Wall-clock and processor seconds of every repeat of one callable.
+
+    The processor's seconds, of all threads together, tell a slow callable from a busy machine.
+    """
 
     seconds: tuple[float, ...]
+    cpu_seconds: tuple[float, ...]
 
     @property
     def median(self) -> float:
         """Median of the repeats [s]."""
         return statistics.median(self.seconds)
+
+    @property
+    def cpu_median(self) -> float:
+        """Median of the processor's time [s]."""
+        return statistics.median(self.cpu_seconds)
 
     @property
     def spread(self) -> float:
@@ -70,15 +81,16 @@ def interleaved(callables: Mapping[str, Callable[[], Any]], repeats: int) -> dic
 
     Every other round runs backwards, so that nobody always follows the same neighbour. Nothing is warmed up here.
     """
-    seconds: dict[str, list[float]] = {name: [] for name in callables}
+    clocks = (time.perf_counter, time.process_time)
+    seconds: dict[str, list[tuple[float, ...]]] = {name: [] for name in callables}
     for repeat in range(repeats):
         names = list(callables) if repeat % 2 == 0 else list(callables)[::-1]
         for name in names:
             gc.collect()
-            began = time.perf_counter()
+            began = [clock() for clock in clocks]
             callables[name]()
-            seconds[name].append(time.perf_counter() - began)
-    return {name: Timing(tuple(values)) for name, values in seconds.items()}
+            seconds[name].append(tuple(clock() - start for clock, start in zip(clocks, began, strict=True)))
+    return {name: Timing(*zip(*values, strict=True)) for name, values in seconds.items()}
 
 
 def growth_exponent(sizes: Sequence[float], seconds: Sequence[float]) -> tuple[float, float]:
@@ -115,11 +127,12 @@ def _version(package: str) -> str:
 # --- results ----------------------------------------------------------------------------------------------------
 
 
-def record_result(name: str, **values: Any) -> None:
+def record_result(name: str, *, quick: bool, **values: Any) -> None:
     """Append one JSON line to `benchmarks/results/<name>.jsonl`."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
+    folder = QUICK if quick else RESULTS
+    folder.mkdir(parents=True, exist_ok=True)
     row = {"when": time.strftime("%Y-%m-%dT%H:%M:%S%z"), **values}
-    with (RESULTS / f"{name}.jsonl").open("a", encoding="utf-8") as file:
+    with (folder / f"{name}.jsonl").open("a", encoding="utf-8") as file:
         file.write(json.dumps(row, default=float, ensure_ascii=False) + "\n")
 
 
@@ -165,16 +178,21 @@ def degrading_oscillator(**settings: Any) -> si.BoucWen:
     return si.BoucWen(**(values | settings))
 
 
-def study_posterior(record: si.GroundMotion, substeps: int) -> si.Posterior:
-    """Return the posterior of the oscillator without degradation, given the noisy velocity of the degrading one."""
-    velocity = degrading_oscillator(substeps=4).simulate(np.zeros((1, 0)), record).channel("velocity")[0]
-    noise = np.random.default_rng(11).standard_normal(velocity.size)
-    measured = velocity + NOISE * np.sqrt(np.mean(velocity**2)) * noise
-    space = si.ParameterSpace(
+def study_space() -> si.ParameterSpace:
+    """Return the priors of the study; moments are those before truncation."""
+    return si.ParameterSpace(
         stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
         beta=si.Uniform(55.0, 65.0, unit="1/m"),
         gamma_ratio=si.Uniform(-1.0, 1.0),
         alpha=si.LogNormal(0.063, 0.01, high=1.0),
     )
+
+
+def study_posterior(record: si.GroundMotion, substeps: int) -> si.Posterior:
+    """Return the posterior of the oscillator without degradation, given the noisy velocity of the degrading one."""
+    velocity = degrading_oscillator(substeps=4).simulate(np.zeros((1, 0)), record).channel("velocity")[0]
+    noise = np.random.default_rng(11).standard_normal(velocity.size)
+    measured = velocity + NOISE * np.sqrt(np.mean(velocity**2)) * noise
+    space = study_space()
     model = si.BoucWen(mass=MASS, damping_ratio=DAMPING_RATIO, free=space.names, substeps=substeps)
     return si.Posterior(space, model, si.Observation(record, measured), si.IID())

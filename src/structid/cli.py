@@ -187,9 +187,8 @@ def _finish(outcome: Outcome) -> None:
 def main() -> None:
     """Run the command line; a user's mistake is one paragraph and exit code 2."""
     try:
-        app(standalone_mode=False)
-    except typer.Exit as stop:
-        sys.exit(stop.exit_code)
+        # Without its standalone mode typer returns the exit code and lets errors through.
+        sys.exit(app(standalone_mode=False) or DONE)
     except InputError as mistake:
         errors.print(str(mistake), style="red", markup=False, soft_wrap=True)
         sys.exit(WRONG_INPUT)

@@ -7,6 +7,7 @@ import functools
 import math
 import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -57,38 +58,41 @@ def padded_size(runs: int) -> int:
     Returns
     -------
     int
-        The next number that is a multiple of the devices and, beyond 16, of a quarter of the power of two below it:
-        16, 20, 24, 28, 32, 40, … for two devices.
+        The next number that is a multiple of the devices and, beyond 16, of an eighth of the power of two below it:
+        16, 18, 20, … 32, 36, 40, … for two devices.
     """
     step = (
-        2 ** max(math.floor(math.log2(max(runs - 1, 1))) - 2, 0)
-        if runs > 16
-        else 2 ** math.ceil(math.log2(max(runs, 1)))
+        2 ** max(math.floor(math.log2(max(runs, 1))) - 3, 0) if runs > 16 else 2 ** math.ceil(math.log2(max(runs, 1)))
     )
     step = math.lcm(step, mesh().size)
     return step * math.ceil(runs / step)
 
 
-def over_runs(function: BatchFunction) -> BatchFunction:
+def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
     """Compile a function of arrays with a leading run axis, and spread that axis over the devices.
 
     Parameters
     ----------
     function : callable
-        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays with leading axis run,
-        each run on its own; the constants are the same for all runs.
+        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays, each run on its own; the constants
+        are the same for all runs.
+    run_axes : int or tree of int
+        Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
 
     Returns
     -------
     callable
-        The same function of NumPy arrays, for any number of runs: it pads by repeating the last run.
+        The same function to NumPy arrays, for any number of runs: it pads by repeating the last run.
     """
-    spread = PartitionSpec("runs")
 
     @jax.jit
     def compiled(theta: Any, constants: tuple[Any, ...]) -> Any:
+        specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
         return jax.shard_map(
-            lambda t, c: function(t, *c), mesh=mesh(), in_specs=(spread, PartitionSpec()), out_specs=spread
+            lambda t, c: function(t, *c),
+            mesh=mesh(),
+            in_specs=(PartitionSpec("runs"), PartitionSpec()),
+            out_specs=specs,
         )(theta, constants)
 
     def call(theta: Any, *constants: Any) -> Any:
@@ -97,9 +101,25 @@ def over_runs(function: BatchFunction) -> BatchFunction:
         missing = padded_size(count) - count
         if missing:
             theta = np.concatenate([theta, np.repeat(theta[-1:], missing, axis=0)])
-        return jax.tree.map(lambda leaf: np.asarray(leaf)[:count], compiled(theta, constants))
+        result = compiled(theta, constants)
+        axes = jax.tree.map(lambda _: run_axes, result) if isinstance(run_axes, int) else run_axes
+        return jax.tree.map(lambda leaf, axis: _gathered(leaf, axis, count), result, axes)
 
     return call
+
+
+def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
+    """Bring the devices' parts of an array together, each part copied by a thread of its own."""
+    if leaf.size < 100_000 or axis != leaf.ndim - 1:
+        return np.take(np.asarray(leaf), np.arange(count), axis) if leaf.shape[axis] != count else np.asarray(leaf)
+    whole = np.empty(leaf.shape)
+
+    def copy(shard: Any) -> None:
+        whole[shard.index] = np.asarray(shard.data)
+
+    with ThreadPoolExecutor(len(leaf.addressable_shards)) as pool:
+        list(pool.map(copy, leaf.addressable_shards))
+    return whole[..., :count]
 
 
 __all__ = ["jnp", "mesh", "over_runs", "padded_size"]

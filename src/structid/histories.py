@@ -89,8 +89,8 @@ class Histories:
     values: np.ndarray
     dt: float
     channels: tuple[str, ...]
-    status: np.ndarray = field(default=None)  # type: ignore[assignment]
-    failure_time: np.ndarray = field(default=None)  # type: ignore[assignment]
+    status: np.ndarray = field(default=None)  # type: ignore[arg-type]
+    failure_time: np.ndarray = field(default=None)  # type: ignore[arg-type]
     excitation: str = ""
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ from structid.figures.style import (
     canvas,
     density,
     finish,
+    in_powers_of_ten,
     pretty,
     pretty_unit,
     styled,
@@ -30,6 +31,12 @@ if TYPE_CHECKING:
 
 def _label(name: str, unit: str) -> str:
     return label(pretty(name), pretty_unit(unit))
+
+
+def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Powers of ten for every parameter, and its unit with them."""
+    chosen = [in_powers_of_ten(unit, draws[:, i]) for i, unit in enumerate(units)]
+    return np.array([c[0] for c in chosen]), [c[1] for c in chosen]
 
 
 @styled
@@ -70,6 +77,10 @@ def marginals(
     """
     truth = truth or {}
     count = len(names)
+    scales, units = _scales(units, posterior)
+    prior, posterior, best = prior / scales, posterior / scales, best / scales
+    supports = [(low / f, high / f) for (low, high), f in zip(supports, scales, strict=True)]
+    truth = {name: value / scales[list(names).index(name)] for name, value in truth.items()}
     figure, axes = canvas(count, 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         draws, before = posterior[:, i], prior[:, i]
@@ -102,7 +113,6 @@ def marginals(
         for axis in (wide, close):
             axis.set_xlabel(_label(name, unit))
             axis.locator_params(axis="x", nbins=5)
-            axis.ticklabel_format(axis="x", scilimits=(-3, 4), useMathText=True)
     axes[0, 0].set_title("the prior's range: prior grey, posterior red", loc="left")
     axes[0, 1].set_title("where the posterior is", loc="left")
     axes[0, 1].legend(loc="upper left")
@@ -139,6 +149,8 @@ def pairs(
         A square of panels.
     """
     count = len(names)
+    scales, units = _scales(units, draws)
+    draws, best = draws / scales, best / scales
     figure, axes = canvas(count, count, height=7.4 / count)
     correlation = np.atleast_2d(np.corrcoef(draws.T))
     limits = np.quantile(draws, [0.001, 0.999], axis=0)
@@ -157,7 +169,7 @@ def pairs(
                 axis.plot(best[j], best[i], "+", color="k", ms=7)
                 axis.set_ylim(*limits[:, i])
             axis.set_xlim(*limits[:, j])
-            axis.ticklabel_format(useOffset=False, scilimits=(-3, 4), useMathText=True)
+            axis.ticklabel_format(useOffset=False)
             axis.locator_params(nbins=3)
             axis.tick_params(labelsize=6.5, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
             if i == count - 1:
@@ -207,6 +219,8 @@ def traces(
     Figure
         A panel for each parameter.
     """
+    scales, units = _scales(units, history.reshape(-1, len(names)))
+    history = history / scales
     figure, axes = canvas(len(names), 1, height=1.35, sharex=True)
     steps = np.arange(len(history))[thin(len(history), 600)]
     for i, axis in enumerate(axes[:, 0]):
@@ -294,7 +308,7 @@ def identifiability(
     axes[0, 0].bar(index, shown, color=[ACCENT if v >= 1.0 else MODEL for v in eigenvalues])
     axes[0, 0].axhline(1.0, color="k", lw=0.8, ls=":")
     axes[0, 0].set_yscale("log")
-    axes[0, 0].set_ylabel("information, in units of the prior's")
+    axes[0, 0].set_ylabel("information / prior's")
     axes[0, 0].set_xticks(index, [str(i + 1) for i in index])
     axes[0, 0].set_xlabel("combination")
     axes[0, 0].set_title("below the dotted line the prior knows more", loc="left")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled
+from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled, wide_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,10 +44,7 @@ def record(
     Figure
         Three panels.
     """
-    figure, axes = canvas(2, 2, height=2.3)
-    for axis in axes[0]:
-        axis.remove()
-    top = figure.add_subplot(axes[0, 0].get_gridspec()[0, :])
+    figure, top, (left, right_panel) = wide_top(height=2.3)
     top.plot(time, acceleration, color=ACCENT, lw=0.7)
     peak = int(np.argmax(np.abs(acceleration)))
     top.plot(time[peak], acceleration[peak], "o", color=MODEL, ms=4)
@@ -57,17 +54,15 @@ def record(
         f"PGA {abs(acceleration[peak]):.3g} m/s²", (time[peak], acceleration[peak]), xytext=(8 if right else -8, 0),
         textcoords="offset points", color=MODEL, ha="left" if right else "right", va="center",
     )  # fmt: skip
-    top.grid(color="#e6e8eb", lw=0.6)
-    top.spines[["top", "right"]].set_visible(False)
     top.set_xlim(0.0, time[-1])
     name_axes(top, ("time", "s"), ("ground acceleration", "m/s²"))
     shown = frequency > 0
-    axes[1, 0].loglog(frequency[shown], amplitude[shown], color=ACCENT, lw=0.7)
-    _log_limits(axes[1, 0], frequency[shown], amplitude[shown])
-    name_axes(axes[1, 0], ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
-    axes[1, 1].semilogx(period, pseudo_acceleration, color=ACCENT)
-    axes[1, 1].set_ylim(bottom=0.0)
-    name_axes(axes[1, 1], ("period", "s"), ("pseudo-acceleration, ζ = 5 %", "m/s²"))
+    left.loglog(frequency[shown], amplitude[shown], color=ACCENT, lw=0.7)
+    _log_limits(left, frequency[shown], amplitude[shown])
+    name_axes(left, ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
+    right_panel.semilogx(period, pseudo_acceleration, color=ACCENT)
+    right_panel.set_ylim(bottom=0.0)
+    name_axes(right_panel, ("period", "s"), ("pseudo-acc., ζ = 5 %", "m/s²"))
     return finish(figure, title, save)
 
 

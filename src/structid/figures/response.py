@@ -255,7 +255,7 @@ def energy(
         axis.plot(time, measured, color=MEASURED, label="truth of the virtual experiment")
     axis.set_xlim(time[0], time[-1])
     axis.legend(loc="lower right")
-    name_axes(axis, ("time", "s"), ("absorbed energy (partly recoverable)", "J"))
+    name_axes(axis, ("time", "s"), ("absorbed energy", "J"))
     return finish(figure, title, save)
 
 
@@ -317,7 +317,7 @@ def identified(
     panel_history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
     low, high = panel_history.get_ylim()
     panel_history.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-    panel_history.legend(loc="upper right", ncol=3)
+    panel_history.legend(loc="upper right", ncol=3, columnspacing=0.8, handlelength=1.2, fontsize=7)
     panel_identified.legend(loc="upper left")
     for axis, head in zip(
         axes.ravel(), ("measured", "identified", "superposed", "histories around the peak"), strict=True

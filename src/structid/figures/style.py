@@ -95,6 +95,50 @@ def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = 
     return figure, figure.subplots(rows, columns, squeeze=False, **settings)
 
 
+def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
+    """Make a figure of one wide panel over two narrow ones.
+
+    Parameters
+    ----------
+    height : float
+        Height of a row [inch].
+    width : float
+        Width of the figure [inch].
+
+    Returns
+    -------
+    tuple of Figure, Axes and pair of Axes
+        The figure, the wide panel, the two below it.
+    """
+    figure, axes = canvas(1, 1, height=2 * height, width=width)
+    axes[0, 0].remove()
+    grid = figure.add_gridspec(2, 2)
+    return figure, figure.add_subplot(grid[0, :]), (figure.add_subplot(grid[1, 0]), figure.add_subplot(grid[1, 1]))
+
+
+def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
+    """Choose a power of ten that brings numbers near one, so that no axis needs a floating factor.
+
+    Parameters
+    ----------
+    unit : str
+        The unit.
+    draws : ndarray
+        The numbers.
+
+    Returns
+    -------
+    tuple of float and str
+        What to divide by, and the unit with the power of ten before it.
+    """
+    size = float(np.quantile(np.abs(draws), 0.9))
+    power = int(np.floor(np.log10(size))) if size > 0 else 0
+    if -3 <= power <= 4:
+        return 1.0, unit
+    raised = str(power).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
+    return 10.0**power, f"10{raised} {unit}".strip()
+
+
 def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
     """Set the title and save as PNG and PDF.
 

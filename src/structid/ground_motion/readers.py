@@ -131,7 +131,9 @@ def _lines(path: str | os.PathLike[str]) -> list[str]:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
-    lines = file.read_text(encoding="utf-8", errors="replace").splitlines()
+    text = file.read_bytes().decode("utf-8", errors="replace")
+    # Files that went through several systems end their lines in \r\r\n; the numbering is that of \n.
+    lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
     if not any(line.strip() for line in lines):
         raise InputError(f"{path}", "the file is empty", "a record", "Fetch it again.")
     return lines

@@ -209,10 +209,9 @@ def rotd_spectrum(
         [m/s²].
     """
     samples = min(first.size, second.size)
-    components = (first[:samples], second[:samples])
-    return np.array(
-        [
-            (2 * np.pi / t) ** 2 * rotd(*(oscillator_displacement(x, dt, t, damping_ratio) for x in components))
-            for t in periods
-        ]
-    )
+    spectrum = []
+    for period in periods:
+        x = oscillator_displacement(first[:samples], dt, period, damping_ratio)
+        y = oscillator_displacement(second[:samples], dt, period, damping_ratio)
+        spectrum.append((2 * np.pi / period) ** 2 * rotd(x, y))
+    return np.array(spectrum)

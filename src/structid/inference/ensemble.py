@@ -223,8 +223,9 @@ def starting_state(
             break
     else:
         raise ConvergenceError(
-            f"Only {len(phi)} of {START_TRIES * wanted} starting points have a finite log density ({failed_simulations} simulations "
-            "failed). Check the priors: most of what they allow cannot be simulated or has no likelihood."
+            f"Only {len(phi)} of {START_TRIES * wanted} starting points have a finite log density "
+            f"({failed_simulations} simulations failed). Check the priors: most of what they allow cannot be simulated "
+            "or has no likelihood."
         )
     phi, density = phi[:wanted], density[:wanted]
     if settings.start_candidates > 1:

@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     import xarray
 
 THINNED_DRAWS = 1000
-"""Draws used for predictive histories and pointwise likelihoods."""
+"""Draws used for predictive histories."""
+STORED_DRAWS = 300
+"""Draws whose predictive histories and pointwise likelihoods are put into the ArviZ groups."""
 UNEXPLAINED_LIMIT = 0.25
 """Fraction of the measurement's variance left unexplained from which the reader is warned."""
 
@@ -385,7 +387,7 @@ class SamplingResult:
             ),
         }
         if isinstance(self.target, Posterior):
-            groups |= predictive.arviz_groups(self.target, self.thinned(), self.seed, predictions)
+            groups |= predictive.arviz_groups(self.target, self.thinned(STORED_DRAWS), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
             "inference_library": "structid",
@@ -427,7 +429,8 @@ class _NegativeLogDensity:
 
     def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
         self.names, self._target = target.names, target
-        self.space = ParameterSpace(**{n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)})
+        box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
+        self.space = ParameterSpace(None, None, **box)
         self._curvature = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:

@@ -169,13 +169,14 @@ class JaxModel(Model):
         theta = self.parameters(design)
         run = self._compiled(excitation)
         stages = excitation.stage_values(self.substeps)
-        values = np.empty((len(theta), len(excitation), len(self.channels)))
-        finite = np.empty(len(theta), dtype=bool)
+        parts = []
         for start in range(0, len(theta), LARGEST_BATCH):
-            rows = slice(start, min(start + LARGEST_BATCH, len(theta)))
-            values[rows], finite[rows] = run(theta[rows], stages)
+            parts.append(run(theta[start : start + LARGEST_BATCH], stages))
             if progress is not None:
-                progress(rows.stop, len(theta))
+                progress(min(start + LARGEST_BATCH, len(theta)), len(theta))
+        # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
+        values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
+        finite = _joined([p[1] for p in parts])
         return _with_status(values, finite, excitation, self.channels)
 
     def _compiled(self, excitation: Excitation) -> Callable[..., Any]:
@@ -185,11 +186,10 @@ class JaxModel(Model):
         key = response_key(excitation)
         if key not in cache:
 
-            def by_run(theta: Any, stages: Any) -> tuple[Any, Any]:
-                values, finite = self.response(theta, excitation, stages)
-                return values.transpose(2, 0, 1), finite
+            def responses(theta: Any, stages: Any) -> tuple[Any, Any]:
+                return self.response(theta, excitation, stages)
 
-            cache[key] = over_runs(by_run)
+            cache[key] = over_runs(responses, run_axes=(2, 0))
         return cache[key]
 
 
@@ -215,14 +215,19 @@ def response_key(excitation: Excitation) -> tuple[Any, ...]:
     )
 
 
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+
 def _with_status(
     values: np.ndarray, finite: np.ndarray, excitation: Excitation, channels: tuple[str, ...]
 ) -> Histories:
-    good = np.isfinite(values).all(axis=2)
-    failed = ~(finite & good.all(axis=1))
-    first_bad = np.where(good.all(axis=1), values.shape[1] - 1, np.argmin(good, axis=1))
-    for run in np.flatnonzero(failed):
-        values[run, first_bad[run] + int(good[run].all()) :] = np.nan
-    status = np.where(failed, Status.DIVERGED, Status.DONE)
-    time = np.where(failed, first_bad * excitation.dt, np.nan)
+    """Mark the runs whose state left the finite range, and blank what comes after."""
+    time = np.full(len(values), np.nan)
+    for run in np.flatnonzero(~finite):
+        good = np.isfinite(values[run]).all(axis=1)
+        first_bad = len(good) if good.all() else int(np.argmin(good))
+        values[run, first_bad:] = np.nan
+        time[run] = min(first_bad, len(good) - 1) * excitation.dt
+    status = np.where(finite, Status.DONE, Status.DIVERGED)
     return Histories(values, excitation.dt, channels, status, time, excitation.name)

@@ -308,7 +308,7 @@ class BoucWen(JaxModel):
                     ", ".join(self.free) or "nothing is free",
                     suggestion(name, self.free),
                 )
-        return replace(self, free=tuple(n for n in self.free if n not in values), **values)
+        return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]
 
     def recording(self, *channels: str) -> BoucWen:
         """Return this model with other channels.
@@ -363,8 +363,8 @@ class BoucWen(JaxModel):
         row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=np.float64)[None, :]
         run = replace(self, channels=wanted).simulate(row, excitation)
         units = ("mm", "mm/s", "kN", "J", "J")
-        columns = [run.channel(c)[0] / factor(u) for c, u in zip(wanted, units, strict=True)]
-        return figure.four_panels(run.time, *columns, title=excitation.name, save=save)
+        u, v, force, hysteretic, elastic = (run.channel(c)[0] / factor(x) for c, x in zip(wanted, units, strict=True))
+        return figure.four_panels(run.time, u, v, force, hysteretic, elastic, excitation.name, save)
 
 
 class _Equations:

@@ -64,11 +64,12 @@ class ShearFrame(JaxModel):
         z_j′ = the Bouc-Wen-Baber-Noori law of d_j′, degrading with e_h,j
         e_h,j′ = (1 − α_j) k_j/m_j z_j d_j′                                    (energy per mass of that storey)
 
-    C is the modal damping matrix C = M^½ 2ζ (M^(−½) K M^(−½))^½ M^½ (every mode has ζ), or Rayleigh's a M + b K with ζ at
-    the first mode and at `rayleigh_mode`; both of the initial stiffness. With one storey it is `BoucWen`.
+    C is the modal damping matrix C = M^½ 2ζ (M^(−½) K M^(−½))^½ M^½, in which every mode has ζ, or Rayleigh's a M + b K
+    with ζ at the first mode and at `rayleigh_mode`; both of the initial stiffness. With one storey it is `BoucWen`.
 
     Every storey parameter is a number for all storeys or a sequence from the ground up. In `free`, a plain name
-    (``"stiffness"``) is one value for all storeys, a numbered one (``"stiffness_2"``) that storey's alone, over whatever else is given.
+    (``"stiffness"``) is one value for all storeys, a numbered one (``"stiffness_2"``) that storey's alone, over whatever
+    else is given.
 
     Parameters
     ----------
@@ -95,9 +96,10 @@ class ShearFrame(JaxModel):
 
     Examples
     --------
-    >>> frame = ShearFrame(storeys=3, mass=12_000.0, stiffness=2e7, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=0.5)
+    >>> law = dict(alpha=0.05, beta=63.0, gamma_ratio=0.5)
+    >>> frame = ShearFrame(storeys=3, mass=12_000.0, stiffness=2e7, damping_ratio=0.03, **law)
     >>> print(frame)
-    ShearFrame: 3 storeys, f 2.891, 8.101, 11.71 Hz
+    ShearFrame: 3 storeys, f 2.892, 8.102, 11.71 Hz
     """
 
     storeys: int

@@ -56,6 +56,10 @@ class OptimizeResult:
         Objective of a model that predicts nothing, Σ y².
     ends, values : ndarray, shape (start, parameter) and (start,)
         Where every start ended, in SI, and the objective there.
+    units : dict of str to str
+        Display unit of every parameter.
+    factors : ndarray, shape (parameter,)
+        SI value of one display unit.
     """
 
     method: str
@@ -66,7 +70,7 @@ class OptimizeResult:
     ends: np.ndarray = field(repr=False)
     values: np.ndarray = field(repr=False)
     units: dict[str, str] = field(repr=False, default_factory=dict)
-    factors: np.ndarray = field(repr=False, default=None)  # type: ignore[assignment]
+    factors: np.ndarray = field(repr=False, default=None)  # type: ignore[arg-type]
 
     @property
     def best(self) -> Minimum:

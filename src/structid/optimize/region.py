@@ -24,9 +24,22 @@ class Objective(Protocol):
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Values (run,) at ``theta[run, parameter]``."""
+        ...
 
     def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values (run,), gradients (run, parameter), positive semi-definite curvatures (run, parameter, parameter)."""
+        """Values, gradients and positive semi-definite curvatures.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        tuple of ndarray
+            (run,), (run, parameter), (run, parameter, parameter).
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)

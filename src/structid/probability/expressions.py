@@ -75,7 +75,7 @@ def _check(node: ast.AST, text: str, where: str, names: list[str]) -> None:
                 where,
                 f"'{ast.unparse(node)}' in '{text}'",
                 "numbers, names, + - * / ** and functions of one argument",
-            )  # type: ignore[arg-type]
+            )
 
 
 def _evaluate(node: ast.AST, values: Mapping[str, Any]) -> Any:

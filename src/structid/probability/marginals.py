@@ -106,7 +106,10 @@ class Marginal:
             Probabilities.
         """
         y = np.clip(np.asarray(x) / self._factor, self.low, self.high)
-        return np.clip((self.base.cdf(y) - self.base.cdf(self.low)) / self._mass, 0.0, 1.0)
+        # In the upper half by the survival function, so that far tails keep their digits.
+        upper = self.base.sf(self.low) - self.base.sf(y)
+        lower = self.base.cdf(y) - self.base.cdf(self.low)
+        return np.clip(np.where(self.base.cdf(y) > 0.5, upper, lower) / self._mass, 0.0, 1.0)
 
     def quantile(self, p: np.ndarray) -> np.ndarray:
         """Inverse of the cumulative distribution.
@@ -225,7 +228,9 @@ class Marginal:
         dict
             Family, native parameters of the untruncated law, bounds and unit.
         """
-        parameters = self.numpyro_parameters or {"args": repr(self.base.args), "kwds": repr(self.base.kwds)}
+        parameters: dict[str, Any] = dict(self.numpyro_parameters)
+        if not parameters:
+            parameters = {"args": repr(self.base.args), "kwds": repr(self.base.kwds)}
         return {"family": self.family, **parameters, "low": self.low, "high": self.high, "unit": self.unit}
 
     def __str__(self) -> str:

@@ -177,9 +177,7 @@ class ParameterSpace:
     @property
     def content_hash(self) -> str:
         """Hash of the names and distributions."""
-        derived = {
-            n: s if isinstance(s, str) else getattr(s, "__qualname__", repr(s)) for n, s in self._derived_source.items()
-        }
+        derived = {n: s if isinstance(s, str) else _identity(s) for n, s in self._derived_source.items()}
         correlation = [] if self._correlation is None else self._correlation.tolist()
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
 
@@ -458,6 +456,15 @@ class ParameterSpace:
             for name, source in self._derived_source.items()
         ]
         return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
+
+
+def _identity(function: Derivation) -> str:
+    """What a function does, as far as it can be told: its code and what it closes over, not where it lies in memory."""
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return getattr(function, "__qualname__", type(function).__qualname__)
+    closure = [repr(cell.cell_contents) for cell in getattr(function, "__closure__", None) or ()]
+    return digest(code.co_code.hex(), repr(code.co_consts), code.co_names, closure)
 
 
 def _copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:

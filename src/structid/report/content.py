@@ -69,10 +69,14 @@ class ReportContent:
         For each observation.
     loops : tuple
         For each observation the loop channels of MAP and of draws (draw, time, channel), or None.
+    search_loops : dict of str to ndarray, shape (time, channel)
+        Loop channels at the best minimum of every method.
     information : Identifiability or None
         Fisher information at the MAP estimate.
     others : tuple of OtherRecord
         Predictions for other records.
+    figures : list of tuple of str
+        Section, file name and caption of every figure drawn so far.
     """
 
     result: SamplingResult

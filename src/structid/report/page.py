@@ -86,6 +86,6 @@ def _sentence(content: ReportContent) -> str:
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (
-        f"{len(posterior.model_space.names)} parameters of a {type(posterior.model).__name__} calibrated against the measured {channels} "
-        f"on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
+        f"{len(posterior.model_space.names)} parameters of a {type(posterior.model).__name__} calibrated against the measured "
+        f"{channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
     )

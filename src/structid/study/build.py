@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from structid.study.schema import (
 )
 from structid.units import factor, to_si
 
-_FAMILIES = {
+_FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "uniform": (marginals.Uniform, ("low", "high")),
     "normal": (marginals.Normal, ("mean", "sd", "low", "high")),
     "lognormal": (marginals.LogNormal, ("mean", "sd", "log_mean", "log_sd", "low", "high")),
@@ -272,7 +273,7 @@ def _observation(
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
     unit = CHANNEL_UNITS.get(base_channel(section.channels[0]), ("", ""))[0]
-    nuisances = {
+    nuisances: dict[str, Any] = {
         name: _prior(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
         for name in ("gain", "offset", "time_shift")
         if (prior := getattr(section, name)) is not None

@@ -30,9 +30,10 @@ class Cost:
     seconds: float
 
     def __str__(self) -> str:
+        each = 1e3 * self.seconds_per_batch / self.batch
         return (
-            f"Sampling: {self.runs:,} model runs in batches of {self.batch}, {1e3 * self.seconds_per_batch / self.batch:.3g} ms a run: "
-            f"about {self.seconds:.0f} s on this machine, with the deterministic searches and the report beside it."
+            f"Sampling: {self.runs:,} model runs in batches of {self.batch}, {each:.3g} ms a run: about {self.seconds:.0f} s "
+            "on this machine, with the deterministic searches and the report beside it."
         )
 
 

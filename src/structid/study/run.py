@@ -28,7 +28,10 @@ from structid.study.schema import read_study
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""
 
-_SEARCHES = {"pattern_search": pattern_search, "interior_point": interior_point}
+_SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
+    "pattern_search": pattern_search,
+    "interior_point": interior_point,
+}
 _STUDY, _IDENTITY, _TIMINGS = "study.toml", "identity.json", "timings.json"
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pydantic
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
@@ -17,7 +17,7 @@ from structid.units import to_si
 
 
 def quantity(unit: str) -> Any:
-    """Type of a number in SI that a file gives as a number in SI or as a text with a unit.
+    """Type of a number in SI, given in a file as a number in SI or as a text with a unit.
 
     Parameters
     ----------
@@ -32,6 +32,13 @@ def quantity(unit: str) -> Any:
     return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
 
 
+Seconds = Annotated[float, BeforeValidator(lambda value: to_si(value, "s"))]
+Hertz = Annotated[float, BeforeValidator(lambda value: to_si(value, "Hz"))]
+MetresPerSecond = Annotated[float, BeforeValidator(lambda value: to_si(value, "m/s"))]
+MetresPerSecondSquared = Annotated[float, BeforeValidator(lambda value: to_si(value, "m/s^2"))]
+Fraction = Annotated[float, BeforeValidator(lambda value: to_si(value, ""))]
+
+
 class Section(BaseModel):
     """A table of the file."""
 
@@ -42,12 +49,12 @@ class SyntheticSection(Section):
     """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
 
     seed: int
-    duration: quantity("s") = 40.0
-    dt: quantity("s") = 0.01
-    arias: quantity("m/s") = 1.0
-    significant_duration: quantity("s") = 10.0
-    middle: quantity("s") = 8.0
-    frequency: quantity("Hz") = 2.0
+    duration: Seconds = 40.0
+    dt: Seconds = 0.01
+    arias: MetresPerSecond = 1.0
+    significant_duration: Seconds = 10.0
+    middle: Seconds = 8.0
+    frequency: Hertz = 2.0
     frequency_slope: float = -0.02
     bandwidth: float = 0.4
 
@@ -59,15 +66,15 @@ class RecordSection(Section):
     synthetic: SyntheticSection | None = None
     name: str | None = None
     unit: str | None = None
-    dt: quantity("s") | None = None
+    dt: Seconds | None = None
     column: int | None = None
     baseline: Literal["constant", "linear"] | None = None
-    highpass: quantity("Hz") | None = None
-    lowpass: quantity("Hz") | None = None
+    highpass: Hertz | None = None
+    lowpass: Hertz | None = None
     filter_order: int | None = None
-    resample: quantity("s") | None = None
-    trim: tuple[quantity("s"), quantity("s")] | None = None
-    pga: quantity("m/s^2") | None = None
+    resample: Seconds | None = None
+    trim: tuple[Seconds, Seconds] | None = None
+    pga: MetresPerSecondSquared | None = None
     scale: float | None = None
 
 
@@ -103,7 +110,9 @@ class BoucWenSection(_BoucWenParameters):  # type: ignore[valid-type, misc]
 
 
 def _per_storey(unit: str) -> Any:
-    return quantity(unit) | tuple[quantity(unit), ...] | None
+    one: Any = quantity(unit)
+    several: Any = tuple.__class_getitem__((one, ...))
+    return one | several | None
 
 
 _FrameParameters = create_model(  # type: ignore[call-overload]
@@ -116,19 +125,19 @@ class ShearFrameSection(_FrameParameters):  # type: ignore[valid-type, misc]
 
     type: Literal["shear_frame"]
     storeys: int
-    damping_ratio: quantity("") | None = None
+    damping_ratio: Fraction | None = None
     damping: Literal["modal", "rayleigh"] = "modal"
     rayleigh_mode: int = 3
     substeps: int | None = None
 
 
-ModelSection = Annotated[BoucWenSection | ShearFrameSection, Field(discriminator="type")]
+ModelSection = Annotated[Union[BoucWenSection, ShearFrameSection], Field(discriminator="type")]  # noqa: UP007
 
 
 class VirtualSection(Section):
     """A virtual experiment: the true model's parameters, and the noise as a fraction of each channel's RMS."""
 
-    noise: quantity("") = 0.0
+    noise: Fraction = 0.0
     seed: int | None = None
     model: ModelSection
 
@@ -140,7 +149,7 @@ class ObservationSection(Section):
     file: str | None = None
     unit: str | None = None
     column: int | None = None
-    dt: quantity("s") | None = None
+    dt: Seconds | None = None
     virtual: VirtualSection | None = None
     record: RecordSection | None = None
     gain: PriorSection | None = None

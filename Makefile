@@ -1,0 +1,46 @@
+# Everything a fresh machine with Python 3.11 and make needs. `make demo` and `make test` set themselves up.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/ready
+
+.PHONY: demo test test-slow lint format bench lock clean
+
+demo: $(READY)
+	$(BIN)/structid demo --out demo
+
+test: $(READY)
+	$(BIN)/pytest -n 2 -q -m "not slow"
+
+test-slow: $(READY)
+	$(BIN)/pytest -n 2 -q -m slow
+
+lint: $(READY)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(READY)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+# The peers (OpenSeesPy, numba) are installed only here; OpenSeesPy also needs Debian's libblas3.
+bench: $(READY)
+	$(BIN)/pip install --quiet --disable-pip-version-check "numba>=0.60" "openseespy>=3.5"
+	$(BIN)/python benchmarks/forward_model.py
+	$(BIN)/python benchmarks/reference_inversion.py
+
+$(READY): pyproject.toml requirements.lock
+	$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11) and 'structid needs Python 3.11 or newer: make PYTHON=/path/to/python3.11')"
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	touch $(READY)
+
+lock:
+	uv pip compile --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
+	  --group pyproject.toml:test --group pyproject.toml:lint --group pyproject.toml:build pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) demo demo.toml build

@@ -1,0 +1,72 @@
+"""What tests share: real data beside the checkout, the benchmark study, a small one that is quick."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import structid as si
+
+SHARED = Path(os.environ.get("STRUCTID_SHARED", Path(__file__).parents[2] / "shared"))
+
+
+@pytest.fixture(scope="session")
+def strong_motion() -> Path:
+    folder = SHARED / "data" / "strong_motion"
+    if not folder.is_dir():
+        pytest.skip(f"no records at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    folder = SHARED / "data"
+    if not folder.is_dir():
+        pytest.skip(f"no data at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def record() -> si.GroundMotion:
+    return si.GroundMotion.synthetic(seed=8).lowpass(20.0).scale_to_pga(1.8)
+
+
+@pytest.fixture(scope="session")
+def short_record() -> si.GroundMotion:
+    return si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 9.0).scale_to_pga(1.8)
+
+
+@pytest.fixture(scope="session")
+def study_space() -> si.ParameterSpace:
+    return si.ParameterSpace(
+        stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
+        beta=si.Uniform(55.0, 65.0, unit="1/m"),
+        gamma_ratio=si.Uniform(-1.0, 1.0),
+        alpha=si.LogNormal(mean=0.063, sd=0.01, high=1.0),
+    )
+
+
+DEGRADING = dict(
+    mass=12_000.0,
+    damping_ratio=0.03,
+    stiffness=7.6e6,
+    alpha=0.05,
+    beta=63.0,
+    gamma_ratio=1.0,
+    delta_nu=2.43,
+    delta_eta=6.5,
+)
+"""The benchmark study's true oscillator."""
+
+
+@pytest.fixture(scope="session")
+def short_posterior(study_space: si.ParameterSpace, short_record: si.GroundMotion) -> si.Posterior:
+    """A posterior that takes a millisecond: six seconds of record, one substep."""
+    truth = si.BoucWen(**DEGRADING, substeps=1)
+    velocity = truth.simulate(np.zeros((1, 0)), short_record).channel("velocity")[0]
+    noise = np.random.default_rng(0).standard_normal(velocity.size) * 0.02 * velocity.std()
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=study_space.names, substeps=1)
+    return si.Posterior(study_space, model, si.Observation(short_record, velocity + noise))

@@ -1,0 +1,79 @@
+"""Kill a sampling process without mercy, go on, and get the same bits."""
+
+import os
+import random
+import signal
+import subprocess
+import sys
+
+import numpy as np
+
+import structid as si
+from structid.inference.chain_store import ChainStore
+
+SCRIPT = """
+import sys, numpy as np, structid as si
+from structid.inference.target import LogDensity
+
+def density(x):
+    return -0.5 * (x**2).sum(axis=1)
+
+target = LogDensity(density, "abc", lambda n, rng: rng.standard_normal((n, 3)))
+settings = si.AIES(walkers=20, steps=2000, ensembles=3, differential_evolution=0.3)
+def told(done, total):
+    print(done, flush=True)
+result = si.sample(target, settings, seed=5, store=sys.argv[1], progress=told)
+np.save(sys.argv[2], result.history)
+"""
+
+
+def start(script, store, out):
+    return subprocess.Popen(
+        [sys.executable, script, store, out], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+
+
+def test_killed_again_and_again_and_resumed_gives_the_same_bits(tmp_path):
+    script = tmp_path / "run.py"
+    script.write_text(SCRIPT)
+    undisturbed = start(script, str(tmp_path / "a.h5"), str(tmp_path / "a.npy"))
+    undisturbed.communicate(timeout=300)
+    rng = random.Random(3)
+    kills = 0
+    for _ in range(12):
+        process = start(script, str(tmp_path / "b.h5"), str(tmp_path / "b.npy"))
+        for _ in range(rng.randrange(1, 7)):
+            if process.stdout.readline() == "":
+                break
+        if process.poll() is None:
+            process.send_signal(signal.SIGKILL)
+            kills += 1
+        process.wait(timeout=60)
+        if (tmp_path / "b.npy").exists():
+            break
+    if not (tmp_path / "b.npy").exists():
+        start(script, str(tmp_path / "b.h5"), str(tmp_path / "b.npy")).communicate(timeout=300)
+    assert kills >= 5
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npy"), np.load(tmp_path / "b.npy"))
+
+
+def test_killed_between_rename_and_removal_of_the_journal(tmp_path, short_posterior):
+    """Both the finished file and its journal are there: nothing is doubled."""
+    settings = si.AIES(walkers=10, steps=100, ensembles=2)
+    store = tmp_path / "c.h5"
+    expected = si.sample(short_posterior, settings, seed=1).history
+    si.sample(short_posterior, si.AIES(walkers=10, steps=50, ensembles=2), seed=1, store=store)
+    copy = ChainStore(store, _identity(short_posterior, settings))
+    copy.append(0, copy.blocks()[0])
+    np.testing.assert_array_equal(si.sample(short_posterior, settings, seed=1, store=store).history, expected)
+    assert not list(tmp_path.glob("*.journal"))
+
+
+def _identity(target, settings):
+    return {
+        "target": target.content_hash,
+        "names": list(target.names),
+        "sampler": settings.describe(),
+        "seed": 1,
+        "start": None,
+    }

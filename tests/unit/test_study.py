@@ -1,0 +1,223 @@
+"""Study files and the command line: every mistake is one clear paragraph and exit code 2, and nothing is half-written."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid import cli
+from structid.study.build import build
+from structid.study.run import load, report_again, run_study
+from structid.study.schema import StudyErrors, parse_study
+
+SMALL = (
+    cli.template("bouc_wen")
+    .replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
+    .replace("steps = 3000", "steps = 80\nsettling_steps = 0\nstart_candidates = 2")
+    .replace("walkers = 32", "walkers = 12")
+    .replace("ensembles = 4", "ensembles = 2")
+    .replace("starts = 8", "starts = 2")
+)
+
+
+@pytest.fixture
+def small(tmp_path):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL)
+    return path
+
+
+def structid(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-c", "from structid.cli import main; main()", *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, env=dict(os.environ, COLUMNS="200"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("name", cli.TEMPLATES)
+def test_every_packaged_study_builds(name, tmp_path):
+    content = tomllib.loads(cli.template(name))
+    built = build(parse_study(content), tmp_path)
+    assert np.isfinite(built.posterior.log_density(built.posterior.space.sample(2, seed=1).values)).all()
+
+
+def test_units_become_si(small):
+    built = load(small)
+    assert built.posterior.model.mass == 12_000.0
+    assert built.posterior.model.damping_ratio == 0.03
+    assert built.record.pga == pytest.approx(1.8)
+    assert built.truths[0].stiffness == 7.6e6
+    assert built.posterior.space.marginals["stiffness"].support == (4.27e6, 11.85e6)
+
+
+CHANGES = {
+    "an unknown key, with the nearest known one": (
+        'lowpass = "20 Hz"',
+        'lowpas = "20 Hz"',
+        ["record.lowpas", "Did you mean 'lowpass'"],
+    ),
+    "a unit of the wrong dimension": ('pga = "1.8 m/s^2"', 'pga = "1.8 kN"', ["record.pga", "1.8 kN", "m/s^2"]),
+    "a prior upside down": ("low = 55\nhigh = 65", "low = 65\nhigh = 55", ["parameters.beta", "low < high"]),
+    "a prior truncated to nothing": ("sd = 0.742", "sd = 0.1\n", None),
+    "a parameter the model lacks": ("[parameters.beta]", "[parameters.betta]", ["betta", "Did you mean 'beta'"]),
+    "no such record": ("synthetic = { seed = 8 }", 'file = "nowhere.AT2"', ["nowhere.AT2", "no such file"]),
+    "two sources": ("synthetic = { seed = 8 }", 'synthetic = { seed = 8 }\nfile = "a.AT2"', ["record", "exactly one"]),
+    "an unknown channel": ('channels = ["velocity"]', 'channels = ["speed"]', ["speed", "velocity"]),
+    "an unknown model": ('type = "bouc_wen"\nmass', 'type = "bouc_when"\nmass', ["bouc_when"]),
+    "a missing model": ('type = "bouc_wen"\nmass', "mass", ["model", "missing"]),
+    "odd walkers": ("walkers = 12", "walkers = 13", ["walkers", "even"]),
+    "no TOML": ("[record]", "[record", ["TOML", "line"]),
+    "both a value and a prior": (
+        'damping_ratio = "3 %"',
+        'damping_ratio = "3 %"\nbeta = 60',
+        ["parameters.beta", "[model]"],
+    ),
+    "a wrong unit of a prior": ('unit = "1/m"', 'unit = "kg"', ["parameters.beta", "kg"]),
+    "an unknown distribution": (
+        'distribution = "normal"',
+        'distribution = "norml"',
+        ["parameters.stiffness.distribution", "norml"],
+    ),
+}
+
+
+@pytest.mark.parametrize("case", CHANGES)
+def test_a_wrong_study_says_what_and_where(case, tmp_path):
+    old, new, words = CHANGES[case]
+    assert old in SMALL
+    text = SMALL.replace(old, new, 1)
+    if words is None:
+        text, words = (
+            text.replace("low = 4.27\nhigh = 11.85", "low = 9.5\nhigh = 11.85"),
+            ["parameters.stiffness", "holds", "0.1"],
+        )
+    path = tmp_path / "wrong.toml"
+    path.write_text(text)
+    with pytest.raises(si.InputError) as error:
+        run_study(path, tmp_path / "out")
+    message = str(error.value)
+    assert all(word in message for word in words), message
+    assert not (tmp_path / "out").exists()
+
+
+def test_everything_wrong_is_said_at_once(tmp_path):
+    with pytest.raises(StudyErrors) as error:
+        parse_study(
+            tomllib.loads(
+                SMALL.replace("lowpass =", "lowpas =").replace("walkers =", "walker =").replace('"12 t"', '"12 s"')
+            )
+        )
+    assert len(error.value.problems) == 4  # the mass twice: the model's and the virtual experiment's
+
+
+def test_a_measured_file_of_another_length_or_step(tmp_path):
+    record = load_small(tmp_path)
+    time = record.time
+    text = re.sub(r"\[observation.virtual\].*?\[discrepancy\]", "[discrepancy]", SMALL, flags=re.S)
+    text = text.replace('channels = ["velocity"]', 'channels = ["velocity"]\nfile = "v.csv"\nunit = "mm/s"')
+    (tmp_path / "m.toml").write_text(text)
+    np.savetxt(tmp_path / "v.csv", np.column_stack([time, np.sin(time)]), delimiter=",")
+    assert np.allclose(load(tmp_path / "m.toml").posterior.observations[0].values[:, 0], np.sin(time) * 1e-3)
+    np.savetxt(tmp_path / "v.csv", np.column_stack([time[:-1], np.sin(time[:-1])]), delimiter=",")
+    with pytest.raises(si.InputError, match="600 samples, and the record has 601"):
+        load(tmp_path / "m.toml")
+    np.savetxt(tmp_path / "v.csv", np.column_stack([2 * time, np.sin(time)]), delimiter=",")
+    with pytest.raises(si.InputError, match=r"time step of 0.02 s, and the record has 0.01"):
+        load(tmp_path / "m.toml")
+
+
+def load_small(tmp_path):
+    (tmp_path / "s.toml").write_text(SMALL)
+    return load(tmp_path / "s.toml").record
+
+
+# --- a whole run, through the command line ----------------------------------------------------------------------------
+
+
+def test_run_report_resume_and_refusals(small, tmp_path):
+    done = structid("run", small, "--out", "out", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr + done.stdout  # eighty steps do not converge, and it says so
+    assert "NOT CONVERGED" in done.stdout and "Report:" in done.stdout and "stiffness [kN/mm]" in done.stdout
+    out = tmp_path / "out"
+    for name in (
+        "report.html",
+        "chains.h5",
+        "posterior.nc",
+        "study.toml",
+        "pattern_search.txt",
+        "interior_point.json",
+        "timings.json",
+    ):
+        assert (out / name).stat().st_size > 0
+    figures = {p.stem for p in (out / "figures").glob("*.png")}
+    assert figures == {
+        "record", "processing", "measurement", "response_velocity", "loops", "energy", "marginals", "pairs", "identifiability",
+        "traces", "acceptance", "identified", "other_1_velocity",
+    }  # fmt: skip
+    assert figures == {p.stem for p in (out / "figures").glob("*.pdf")}
+    page = (out / "report.html").read_text()
+    assert page.count("data:image/png;base64,") == len(figures)
+    assert "Not converged" in page and "http://" not in page.replace("http://www.w3.org", "")
+    for part in ("R-hat", "Minima", "MAP", "versions", "Study file", "identifiability".capitalize()):
+        assert part in page
+
+    again = structid("run", small, "--out", "out", cwd=tmp_path)
+    assert again.returncode == 2 and "--resume" in again.stderr and "Traceback" not in again.stderr
+    chains = (out / "chains.h5").read_bytes()
+    resumed = structid("run", small, "--out", "out", "--resume", cwd=tmp_path)
+    assert resumed.returncode == 3
+    assert (out / "chains.h5").read_bytes() == chains
+    assert resumed.stdout.split("mean")[1] == done.stdout.split("mean")[1]
+
+    (tmp_path / "other.toml").write_text(SMALL.replace("seed = 1\n", "seed = 2\n", 1))
+    other = structid("run", "other.toml", "--out", "out", "--resume", cwd=tmp_path)
+    assert other.returncode == 2 and "another study" in other.stderr
+    assert (out / "chains.h5").read_bytes() == chains
+
+    (out / "report.html").unlink()
+    report = structid("report", "out", cwd=tmp_path)
+    assert report.returncode == 3 and (out / "report.html").exists()
+    assert json.loads((out / "timings.json").read_text())["pattern search"] > 0
+    assert report_again(out).result.seed == 1
+
+
+def test_check_says_the_cost_and_new_writes_a_study(small, tmp_path):
+    checked = structid("check", small, cwd=tmp_path)
+    assert checked.returncode == 0, checked.stderr
+    assert "model runs" in checked.stdout and "in order" in checked.stdout and "Normal" in checked.stdout
+    made = structid("new", "mine", "--like", "shear_frame", cwd=tmp_path)
+    assert made.returncode == 0 and 'name = "mine"' in (tmp_path / "mine.toml").read_text()
+    twice = structid("new", "mine", cwd=tmp_path)
+    assert twice.returncode == 2 and "exists already" in twice.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["check", "nowhere.toml"], "no such file"),
+        (["report", "."], "no finished study"),
+        (["run", "nowhere.toml", "--out", "o"], "no such file"),
+        (["run", "nowhere.toml"], "--out"),
+        (["fly"], "fly"),
+        (["new", "x", "--like", "bouc_when"], "Did you mean 'bouc_wen'"),
+    ],
+)
+def test_mistakes_on_the_command_line_exit_with_2(arguments, words, tmp_path):
+    done = structid(*arguments, cwd=tmp_path)
+    assert done.returncode == 2
+    assert words in done.stderr and "Traceback" not in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_something_else_is_left_alone(small, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.txt").write_text("precious")
+    done = structid("run", small, "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 2 and "not empty" in done.stderr
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
