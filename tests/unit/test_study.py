@@ -113,7 +113,7 @@ def test_everything_wrong_is_said_at_once(tmp_path):
                 SMALL.replace("lowpass =", "lowpas =").replace("walkers =", "walker =").replace('"12 t"', '"12 s"')
             )
         )
-    assert len(error.value.problems) == 4  # the mass twice: the model's and the virtual experiment's
+    assert len(error.value.problems) == 5  # two keys of two records, one of the sampler, two masses
 
 
 def test_a_measured_file_of_another_length_or_step(tmp_path):
@@ -221,3 +221,15 @@ def test_a_folder_with_something_else_is_left_alone(small, tmp_path):
     done = structid("run", small, "--out", "mine", cwd=tmp_path)
     assert done.returncode == 2 and "not empty" in done.stderr
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_the_page_on_study_files_names_every_key():
+    from pathlib import Path
+
+    from structid.study import schema
+
+    page = (Path(__file__).parents[2] / "docs" / "study_files.md").read_text()
+    sections = [s for s in vars(schema).values() if isinstance(s, type) and issubclass(s, schema.Section)]
+    keys = {key for section in sections for key in section.model_fields} - {"type", "draws", "model"}
+    missing = [key for key in sorted(keys) if not re.search(rf"\b{key}\b", page)]
+    assert not missing

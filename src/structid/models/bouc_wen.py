@@ -375,6 +375,9 @@ class _Equations:
         self.law = Law(**{name: values[name] for name in Law._fields})
         self.mass = values["mass"]
         self.omega_squared = values["stiffness"] / values["mass"]
+        # What does not change in time is multiplied out once, not at every stage of every step.
+        self.elastic = self.law.alpha * self.omega_squared
+        self.hysteretic = (1.0 - self.law.alpha) * self.omega_squared
         self.viscous = self._viscous()
         self.driven = kind == "displacement"
         asked = set(channels)
@@ -427,7 +430,7 @@ class _Equations:
 
     def _force_per_mass(self, u: Any, z: Any) -> Any:
         # α ω² u + (1−α) ω² z                                                                     [3.13]
-        return self.omega_squared * (self.law.alpha * u + (1.0 - self.law.alpha) * z)
+        return self.elastic * u + self.hysteretic * z
 
     def _acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
         # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m in the place of −a_g                     [3.12]
@@ -442,9 +445,9 @@ class _Equations:
         if not self.driven:
             slope["u"], slope["v"] = v, self._acceleration(u, v, z, signal)
         if self.needs_hysteretic_energy:
-            slope["e_h"] = (1.0 - self.law.alpha) * self.omega_squared * z * v  # [3.14]
+            slope["e_h"] = self.hysteretic * z * v  # [3.14]
         if self.needs_elastic_energy:
-            slope["e_e"] = self.law.alpha * self.omega_squared * u * v  # [3.15]
+            slope["e_e"] = self.elastic * u * v  # [3.15]
         return slope
 
     def observe(self, state: dict[str, Any], signal: Any) -> Any:
