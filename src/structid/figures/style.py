@@ -164,6 +164,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
         target.parent.mkdir(parents=True, exist_ok=True)
         # No date inside, so that the same draws give the same file.
         figure.savefig(target.with_name(target.name + ".png"), metadata={"Software": None})
+        figure.set_layout_engine("none")  # the places found for the PNG serve the PDF as well
         figure.savefig(target.with_name(target.name + ".pdf"), metadata={"CreationDate": None})
     return figure
 

@@ -431,7 +431,10 @@ class _NegativeLogDensity:
         self.names, self._target = target.names, target
         box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
         self.space = ParameterSpace(None, None, **box)
-        self._curvature = np.linalg.pinv(covariance, rcond=1e-14, hermitian=True)
+        # Inverted as a correlation: in SI the variances of a stiffness and of an error variance lie thirty decades apart.
+        sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        correlation = covariance / np.outer(sd, sd)
+        self._curvature = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) / np.outer(sd, sd)
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         return -self._target.log_density(theta)

@@ -28,6 +28,7 @@ class _Search:
     iteration: int = 0
     finished: bool = False
     polls: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    lengths: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 def pattern_search(
@@ -90,7 +91,7 @@ def pattern_search(
         if whiten and iteration % CURVATURE_EVERY == 0:
             evaluations += _update_whitening(objective, where, active)
         for search in active:
-            search.polls = _polls(search, where)
+            search.polls, search.lengths = _polls(search, where)
         counts = [len(s.polls) for s in active]
         polled = objective(where.to_theta(np.concatenate([s.polls for s in active])))
         evaluations += len(polled)
@@ -107,7 +108,8 @@ def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
     best = int(np.argmin(found)) if found.size else -1
     if best >= 0 and found[best] < search.value:
         search.x, search.value = search.polls[best], float(found[best])
-        search.step = min(search.step * EXPANSION, 1.0)
+        # A poll that was cut at a face is worth only its own length: else ever smaller gains keep the step large.
+        search.step = min(search.lengths[best] * EXPANSION, 1.0)
     else:
         search.step *= CONTRACTION
         search.finished = search.step < tolerance
@@ -130,8 +132,8 @@ def _inverse_root(curvature: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(eigenvalues[0] / eigenvalues)
 
 
-def _polls(search: _Search, where: Region) -> np.ndarray:
-    """Feasible trial points of one search."""
+def _polls(search: _Search, where: Region) -> tuple[np.ndarray, np.ndarray]:
+    """Feasible trial points of one search, and the lengths of the steps to them."""
     directions = [search.whitening.T]
     near = where.slack(search.x) < max(search.step, 1e-12)
     if near.any():
@@ -139,12 +141,9 @@ def _polls(search: _Search, where: Region) -> np.ndarray:
         directions.append(-where.matrix[near])
     both = np.concatenate(directions)
     both = np.concatenate([both, -both])
-    points = []
-    for direction in both:
-        length = min(search.step, where.longest_step(search.x, direction))
-        if length > 1e-3 * search.step:
-            points.append(search.x + length * direction)
-    return np.array(points).reshape(-1, search.x.size)
+    lengths = np.array([min(search.step, where.longest_step(search.x, direction)) for direction in both])
+    far = lengths > 1e-3 * search.step
+    return search.x + lengths[far, None] * both[far], lengths[far]
 
 
 def _within_faces(whitening: np.ndarray, normals: np.ndarray) -> np.ndarray:
