@@ -234,10 +234,10 @@ class Marginal:
         return {"family": self.family, **parameters, "low": self.low, "high": self.high, "unit": self.unit}
 
     def __str__(self) -> str:
-        inside = ", ".join(
-            f"{k}={v:.6g}" if isinstance(v, float) else f"{k}={v}" for k, v in self.numpyro_parameters.items()
-        )
-        cut = "" if np.isinf(self.low) and np.isinf(self.high) else f" on [{self.low:g}, {self.high:g}]"
+        inside = ", ".join(f"{k} {v:.6g}" for k, v in self.numpyro_parameters.items())
+        cut = ""
+        if self.family != "Uniform" and np.isfinite([self.low, self.high]).any():
+            cut = f", truncated to [{self.low:g}, {self.high:g}]".replace("[-inf, ", "(−∞, ").replace(", inf]", ", ∞)")
         return f"{self.family}({inside}){cut}{' ' + self.unit if self.unit else ''}"
 
 

@@ -58,6 +58,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         settings=content.settings,
         sentence=_sentence(content),
         information=content.information,
+        has_truth=bool(content.true_values),
         tables={
             "response": [],
             "posterior": [
@@ -83,9 +84,10 @@ def _embedded(path: Path) -> str:
 def _sentence(content: ReportContent) -> str:
     """Say in one sentence what was done."""
     posterior = content.posterior
+    kind = {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(type(posterior.model).__name__, "model")
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (
-        f"{len(posterior.model_space.names)} parameters of a {type(posterior.model).__name__} calibrated against the measured "
+        f"{len(posterior.model_space.names)} parameters of a {kind} calibrated against the measured "
         f"{channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
     )

@@ -40,6 +40,11 @@ def number(value: float, error: float | None = None) -> str:
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
 
 
+def _at_zero(value: float) -> str:
+    """A parameter that lies on a bound at zero but for rounding is shown as zero."""
+    return "0" if abs(value) < 1e-12 else f"{value:.5g}"
+
+
 def posterior_table(content: ReportContent) -> Table:
     """Mean, sd, 5-95 %, MAP and truth of every parameter, as the source's tables have them.
 
@@ -121,7 +126,7 @@ def deterministic_table(content: ReportContent) -> Table:
             rows.append(
                 [
                     method,
-                    *(f"{v:.5g}" for v in minimum.theta / factors),
+                    *(_at_zero(v) for v in minimum.theta / factors),
                     f"{minimum.value / search.scale:.3%}",
                     f"{minimum.starts} of {len(search.values)}",
                     ", ".join(pretty(n) for n in minimum.on_boundary) or "–",
