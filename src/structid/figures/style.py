@@ -188,13 +188,13 @@ def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> n
     """
     spread = min(draws.std(), float(np.subtract(*np.quantile(draws, [0.75, 0.25]))) / 1.349 or np.inf)
     width = 1.06 * max(spread, 1e-300) * draws.size**-0.2
-    bins = np.linspace(points[0] - 5 * width, points[-1] + 5 * width, 2049)
-    centres = 0.5 * (bins[1:] + bins[:-1])
     mirrored = [draws]
     if np.isfinite(low):
         mirrored.append(2 * low - draws)
     if np.isfinite(high):
         mirrored.append(2 * high - draws)
+    bins = np.linspace(draws.min() - 6 * width, draws.max() + 6 * width, 4097)
+    centres = 0.5 * (bins[1:] + bins[:-1])
     counts, _ = np.histogram(np.concatenate(mirrored), bins)
     step = bins[1] - bins[0]
     reach = int(np.ceil(5 * width / step))

@@ -1,0 +1,40 @@
+import matplotlib
+import numpy as np
+import pytest
+import scipy.stats
+
+from structid.figures.style import canvas, density, finish, in_powers_of_ten, styled
+
+
+def test_density_of_a_normal_sample_near_and_far_from_it():
+    draws = np.random.default_rng(0).standard_normal(20_000)
+    points = np.linspace(-3, 3, 61)
+    np.testing.assert_allclose(density(draws, points, -np.inf, np.inf), scipy.stats.norm.pdf(points), atol=0.02)
+    close = np.linspace(1.0, 1.001, 5)  # a window far narrower than the bandwidth
+    np.testing.assert_allclose(density(draws, close, -np.inf, np.inf), scipy.stats.norm.pdf(1.0), atol=0.02)
+
+
+def test_density_keeps_its_mass_at_a_bound():
+    draws = np.random.default_rng(0).random(20_000)
+    points = np.linspace(0, 1, 201)
+    value = density(draws, points, 0.0, 1.0)
+    np.testing.assert_allclose(value, 1.0, atol=0.08)
+    assert density(draws, np.array([-0.1, 1.1]), 0.0, 1.0).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize(("size", "factor", "unit"), [(5.0, 1.0, "m"), (7.4e-5, 1e-5, "10⁻⁵ m"), (3.0e8, 1e8, "10⁸ m")])
+def test_powers_of_ten(size, factor, unit):
+    found = in_powers_of_ten("m", np.full(10, size))
+    assert found[0] == pytest.approx(factor) and found[1] == unit
+
+
+def test_the_callers_style_is_left_alone(tmp_path):
+    before = dict(matplotlib.rcParams)
+
+    @styled
+    def draw(save):
+        return finish(canvas(1, 1)[0], save=save)
+
+    draw(tmp_path / "a.b")
+    assert dict(matplotlib.rcParams) == before
+    assert {p.name for p in tmp_path.iterdir()} == {"a.b.png", "a.b.pdf"}
