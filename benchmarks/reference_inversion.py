@@ -185,6 +185,7 @@ def main() -> None:
         "substeps",
         "seconds",
         "spread",
+        "CPU seconds",
         f"limit {LIMIT:g} s",
         f"stretch {STRETCH:g} s",
         "times faster than published",

@@ -55,12 +55,9 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("demo"),
 ) -> None:
     """Run the packaged study on a record made on the spot: data, calibration, report."""
-    study = out.parent / f"{out.name}.toml"
-    finished = (out / "identity.json").is_file()
-    if not finished:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        study.write_text(template("bouc_wen"), encoding="utf-8")
-    _run(study if study.is_file() else out / "study.toml", out, resume=finished)
+    packaged = resources.files("structid") / "study" / "templates" / "bouc_wen.toml"
+    with resources.as_file(packaged) as study:
+        _run(study, out, resume=(out / "identity.json").is_file())
 
 
 @app.command()
@@ -109,6 +106,10 @@ def new(
     path = Path(name if name.endswith(".toml") else f"{name}.toml")
     if path.exists():
         raise InputError(f"{path}", "it exists already", "a new name", "Choose another name, or remove the file.")
+    if not path.parent.is_dir():
+        raise InputError(
+            f"{path}", f"there is no folder '{path.parent}'", "a name in a folder that exists", "Make the folder first."
+        )
     text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
     path.write_text(text, encoding="utf-8")
     screen.print(f"Wrote {path}. Edit it, then: structid check {path}")
@@ -161,8 +162,13 @@ def stage(name: str) -> Iterator[Any]:
 def _run(study: Path, out: Path, resume: bool) -> None:
     from structid.study.run import run_study
 
-    screen.print(f"[bold]structid[/] {study} → {out}")
-    _finish(run_study(study, out, resume, stage))
+    screen.print(f"[bold]structid[/] {study.name} → {out}")
+    try:
+        outcome = run_study(study, out, resume, stage)
+    except KeyboardInterrupt:
+        errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
+        raise typer.Exit(FAILED) from None
+    _finish(outcome)
 
 
 def _describe(built: BuiltStudy) -> None:
@@ -195,10 +201,8 @@ def main() -> None:
     except StructidError as failure:
         errors.print(str(failure), style="red", markup=False, soft_wrap=True)
         sys.exit(FAILED)
-    except KeyboardInterrupt:
-        errors.print(
-            "\nStopped. What is finished is on disk: run the same command with --resume to go on.", style="yellow"
-        )
+    except OSError as failure:
+        errors.print(f"{failure.filename or 'a file'}: {failure.strerror or failure}.", style="red", markup=False)
         sys.exit(FAILED)
     except Exception as problem:
         if hasattr(problem, "show") and hasattr(problem, "exit_code"):  # a mistake on the command line itself

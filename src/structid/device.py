@@ -111,7 +111,8 @@ def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
 def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
     """Bring the devices' parts of an array together, each part copied by a thread of its own."""
     if leaf.size < 100_000 or axis != leaf.ndim - 1:
-        return np.take(np.asarray(leaf), np.arange(count), axis) if leaf.shape[axis] != count else np.asarray(leaf)
+        # A copy: the buffer of a JAX array is read-only.
+        return np.take(np.array(leaf), np.arange(count), axis)
     whole = np.empty(leaf.shape)
 
     def copy(shard: Any) -> None:

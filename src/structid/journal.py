@@ -7,6 +7,7 @@ import io
 import json
 import os
 import struct
+import types
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -40,7 +41,7 @@ class Journal:
         if self.path.exists() and self.path.stat().st_size > 0:
             self._end = self._check()
         else:
-            self._create()
+            self._end = 0  # made with its first entry, so that a run that never begins leaves nothing
 
     def _create(self) -> None:
         header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
@@ -83,6 +84,8 @@ class Journal:
         buffer = io.BytesIO()
         np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
         framed = _frame(buffer.getvalue())
+        if self._end == 0:
+            self._create()
         with self.path.open("r+b") as file:
             file.truncate(self._end)
             file.seek(self._end)
@@ -92,6 +95,8 @@ class Journal:
         self._end += len(framed)
 
     def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
+        if self._end == 0:
+            return
         with self.path.open("rb") as file:
             file.seek(len(_MAGIC))
             _read_frame(file)
@@ -168,6 +173,44 @@ def digest(*parts: Any) -> str:
         else:
             sha.update(json.dumps(part, sort_keys=True, default=repr).encode())
     return sha.hexdigest()[:16]
+
+
+def function_identity(function: Any) -> str:
+    """Hash of what a function does, as far as it can be told: its code, defaults and what it closes over.
+
+    Parameters
+    ----------
+    function : callable
+        The function.
+
+    Returns
+    -------
+    str
+        The same in every process; nothing of it depends on where the function lies in memory.
+    """
+    code = getattr(function, "__code__", None)
+    if code is None:
+        return digest(getattr(function, "__qualname__", type(function).__qualname__))
+    closure = [_plain(cell.cell_contents) for cell in getattr(function, "__closure__", None) or ()]
+    defaults = [_plain(v) for v in (function.__defaults__ or ())]
+    keywords = {k: _plain(v) for k, v in (function.__kwdefaults__ or {}).items()}
+    return digest(_plain(code), closure, defaults, keywords)
+
+
+def _plain(value: Any) -> Any:
+    """Something JSON can say that stands for a value."""
+    if isinstance(value, types.CodeType):
+        constants = [_plain(c) for c in value.co_consts]
+        return [value.co_code.hex(), constants, list(value.co_names), list(value.co_varnames)]
+    if isinstance(value, (str, int, float, bool, type(None))):
+        return value
+    if isinstance(value, (list, tuple, set, frozenset)):
+        return [_plain(v) for v in value]
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if hasattr(value, "__array__"):
+        return digest(np.asarray(value))
+    return function_identity(value) if callable(value) else type(value).__qualname__
 
 
 def _frame(payload: bytes) -> bytes:

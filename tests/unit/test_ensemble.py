@@ -218,6 +218,38 @@ def test_a_store_is_read_continued_and_refused(tmp_path):
     assert store.read_bytes() == before
 
 
+@pytest.mark.parametrize(("first", "then"), [(120, 250), (20, 30), (120, 110), (50, 70)])
+def test_a_store_continues_from_any_length_to_the_same_bits(tmp_path, first, then):
+    settings = dict(walkers=12, ensembles=2, discard=0.0)
+    store = tmp_path / "chains.h5"
+    si.sample(gaussian(), si.AIES(**settings, steps=first), seed=4, store=store)
+    longer = si.sample(gaussian(), si.AIES(**settings, steps=then), seed=4, store=store)
+    fresh = si.sample(gaussian(), si.AIES(**settings, steps=then), seed=4)
+    assert len(longer.history) == then
+    np.testing.assert_array_equal(longer.history, fresh.history)
+    again = si.sample(gaussian(), si.AIES(**settings, steps=then), seed=4, store=store)
+    np.testing.assert_array_equal(again.history, fresh.history)
+
+
+def test_a_store_knows_its_function_and_its_start(tmp_path):
+    start = lambda n, rng: rng.standard_normal((n, 2))  # noqa: E731
+    first = LogDensity(lambda x: -0.5 * (x**2).sum(1), "ab", start)
+    other = LogDensity(lambda x: -0.6 * (x**2).sum(1), "ab", start)
+    settings = si.AIES(walkers=12, steps=50, ensembles=2)
+    points = np.random.default_rng(0).standard_normal((30, 2))
+    si.sample(first, settings, seed=1, store=tmp_path / "a.h5")
+    with pytest.raises(StoreMismatchError, match="target"):
+        si.sample(other, settings, seed=1, store=tmp_path / "a.h5")
+    with pytest.raises(StoreMismatchError, match="start"):
+        si.sample(first, settings, seed=1, store=tmp_path / "a.h5", start=points)
+
+
+def test_a_run_that_cannot_begin_leaves_nothing(tmp_path):
+    with pytest.raises(InputError):
+        si.sample(gaussian(), si.AIES(walkers=8, steps=10), seed=1, store=tmp_path / "a.h5")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_seeds_give_different_draws_and_the_same_seed_the_same():
     settings = si.AIES(walkers=12, steps=60, ensembles=2)
     a, b, c = (si.sample(gaussian(), settings, seed=s).history for s in (1, 1, 2))

@@ -80,6 +80,8 @@ def test_any_model_has_the_same_posterior(short_posterior):
     np.testing.assert_allclose(host.misfit(theta[:, :4]), short_posterior.misfit(theta[:, :4]), rtol=1e-10)
     with pytest.raises(InputError, match="pattern search"):
         host.misfit.linearised(theta[:, :4])
+    searched = si.optimize.pattern_search(host.misfit, starts=2, seed=1, iterations=5)
+    assert np.isfinite(searched.best.value)
 
 
 def test_nuisances_and_several_records(short_record, study_space):
@@ -222,3 +224,61 @@ def test_prior_means_from_the_study_are_near_the_sources(record):
     print(f"k_i {lines.initial_stiffness / 1e6:.2f} kN/mm, alpha {lines.alpha:.3f}")
     assert 6.0e6 < lines.initial_stiffness < 7.7e6
     assert 0.0 < lines.alpha < 0.3
+
+
+def test_a_parameter_the_data_cannot_see_has_an_infinite_bound(short_record):
+    """Mass and stiffness of a free oscillator enter as their ratio alone."""
+    space = si.ParameterSpace(
+        mass=si.Uniform(0.5, 2.0), stiffness=si.Uniform(300.0, 1300.0), damping_ratio=si.Uniform(0.01, 0.1)
+    )
+    model = si.BoucWen(alpha=1.0, beta=0.0, gamma=0.0, free=space.names, channels=("displacement",))
+    posterior = si.Posterior(space, model, si.Observation(short_record, np.ones(601), ("displacement",)), si.IID(1e-6))
+    found = identifiability(posterior, np.array([1.0, 630.0, 0.03]))
+    assert np.isinf(found.cramer_rao_sd[:2]).all() and np.isfinite(found.cramer_rao_sd[2])
+    assert len(found.unseen) == 1 and "mass" in found.unseen[0] and "stiffness" in found.unseen[0]
+
+
+def test_prediction_knows_each_observation_and_each_channel(short_record, study_space):
+    from structid.inference.predictive import predict
+
+    other = si.GroundMotion.synthetic(seed=9).lowpass(20.0).trim(4.0, 8.0).scale_to_pga(1.5)
+    channels = ("displacement", "velocity")
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=study_space.names, channels=channels)
+    values = [model.simulate(np.array([[7e6, 60.0, 0.3, 0.05]]), r).values[0] for r in (short_record, other)]
+    observations = [si.Observation(r, v, channels) for r, v in zip((short_record, other), values, strict=True)]
+    posterior = si.Posterior(study_space, model, observations)
+    theta = np.tile([7e6, 60.0, 0.3, 0.05, 1e-8, 1e-2, 1e-8, 1e-4], (50, 1))
+    one = predict(posterior, theta, short_record, ("velocity",))
+    assert (one.observable - one.response).std() == pytest.approx(0.1, rel=0.02)
+    second = predict(posterior, theta, other)
+    assert second.channels == channels
+    assert (second.observable - second.response)[:, :, 1].std() == pytest.approx(0.01, rel=0.02)
+    extra = predict(posterior, theta, other, ("velocity", "restoring_force"))
+    np.testing.assert_array_equal(extra.observable[:, :, 1], extra.response[:, :, 1])
+
+
+def test_units_and_times_of_a_measured_file(short_record, tmp_path):
+    path = tmp_path / "v.csv"
+    np.savetxt(path, np.column_stack([short_record.time, np.sin(short_record.time)]), delimiter=",")
+    assert si.Observation.read(short_record, path, "mm/s").values.max() < 1e-3 + 1e-12
+    with pytest.raises(InputError, match="kN"):
+        si.Observation.read(short_record, path, "kN")
+    with pytest.raises(InputError, match="kN"):
+        si.GroundMotion.read(path, unit="kN")
+    np.savetxt(path, np.column_stack([3.0 + short_record.time, np.sin(short_record.time)]), delimiter=",")
+    with pytest.raises(InputError, match="first time is 3"):
+        si.Observation.read(short_record, path, "mm/s")
+    path.write_text("nan\n1.0\n2.0\n3.0\n")
+    with pytest.raises(InputError, match="line 1"):
+        si.GroundMotion.read(path, dt=0.01, unit="g")
+
+
+def test_functions_are_known_by_what_they_do():
+    from structid.journal import function_identity
+
+    def factory(k):
+        return lambda p, j=2: [k * v**j for v in p]
+
+    assert function_identity(factory(1)) == function_identity(factory(1))
+    assert function_identity(factory(1)) != function_identity(factory(2))
+    assert function_identity(lambda x, k=2: k * x) != function_identity(lambda x, k=3: k * x)

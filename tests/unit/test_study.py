@@ -79,6 +79,35 @@ CHANGES = {
         ["parameters.beta", "[model]"],
     ),
     "a wrong unit of a prior": ('unit = "1/m"', 'unit = "kg"', ["parameters.beta", "kg"]),
+    "a wrong unit of a nuisance": (
+        "[observation.virtual]",
+        '[observation.time_shift]\ndistribution = "normal"\nunit = "kg"\nmean = 0\nsd = 1\n[observation.virtual]',
+        ["observation.time_shift", "kg"],
+    ),
+    "too few walkers": ("walkers = 12", "walkers = 8", ["sampler.walkers", "10 or more"]),
+    "a constraint with a typo": ("starts = 2", 'starts = 2\nconstraints = ["gama_ratio <= beta"]', ["gama_ratio"]),
+    "bounds of nothing": (
+        "starts = 2",
+        "starts = 2\nbounds = { betta = [1, 2] }",
+        ["deterministic.bounds.betta", "Did you mean 'beta'"],
+    ),
+    "no starts": ("starts = 2", "starts = 0", ["deterministic.starts"]),
+    "a negative seed": ("seed = 1\n", "seed = -1\n", ["seed", "-1"]),
+    "a derived typo": (
+        "[observation]\n",
+        '[derived]\ndelta_nnu = "2 * beta"\n[observation]\n',
+        ["derived.delta_nnu", "delta_nu"],
+    ),
+    "a name for nothing": (
+        "[parameters.beta]",
+        '[parameters.junk]\ndistribution = "uniform"\nlow = 0\nhigh = 1\n[parameters.beta]',
+        ["parameters.junk"],
+    ),
+    "a shape with a length unit and n = 2": (
+        'damping_ratio = "3 %"\n',
+        'damping_ratio = "3 %"\nexponent = 2\nbeta = "63 1/m"\n',
+        ["beta", "plain number"],
+    ),
     "an unknown distribution": (
         'distribution = "normal"',
         'distribution = "norml"',
@@ -104,6 +133,12 @@ def test_a_wrong_study_says_what_and_where(case, tmp_path):
     message = str(error.value)
     assert all(word in message for word in words), message
     assert not (tmp_path / "out").exists()
+
+
+def test_settling_fits_a_short_run(tmp_path):
+    path = tmp_path / "short.toml"
+    path.write_text(SMALL.replace("settling_steps = 0\n", ""))
+    assert load(path).sampler.settling_steps == 24
 
 
 def test_everything_wrong_is_said_at_once(tmp_path):
@@ -205,6 +240,7 @@ def test_check_says_the_cost_and_new_writes_a_study(small, tmp_path):
         (["run", "nowhere.toml", "--out", "o"], "no such file"),
         (["run", "nowhere.toml"], "--out"),
         (["fly"], "fly"),
+        (["new", "nodir/x"], "nodir"),
         (["new", "x", "--like", "bouc_when"], "Did you mean 'bouc_wen'"),
     ],
 )

@@ -325,3 +325,41 @@ def test_absolute_acceleration_and_integrated_velocity(record):
     np.testing.assert_allclose(absolute - relative_acceleration, record.values, atol=1e-9)
     np.testing.assert_allclose(integrate(v, record.dt), u, atol=5e-3 * np.abs(u).max())
     assert relative_acceleration.size == v.size
+
+
+@pytest.mark.parametrize("runs", [1, 2, 3, 4, 5])
+def test_blow_ups_in_batches_of_every_size(short_record, runs):
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=0.5, free=("stiffness",))
+    histories = model.simulate(np.full((runs, 1), 7.6e11), short_record)
+    assert (histories.status == Status.DIVERGED).all() and np.isfinite(histories.failure_time).all()
+
+
+def test_the_last_velocity_of_an_imposed_displacement():
+    path = si.DisplacementHistory(0.02 * np.arange(11), 0.1)
+    for substeps in (1, 3):
+        (v,) = run(si.BoucWen(**DEGRADING, substeps=substeps), path, "velocity")
+        np.testing.assert_allclose(v, 0.2, rtol=1e-12)
+
+
+def test_wrong_excitations_and_empty_designs_are_refused(short_record):
+    model = si.BoucWen(**DEGRADING)
+    with pytest.raises(InputError, match="ndarray as the excitation"):
+        model.simulate(NOTHING_FREE, short_record.values)
+    with pytest.raises(InputError, match="no runs"):
+        model.simulate(np.zeros((0, 0)), short_record)
+    with pytest.raises(InputError, match="free as well"):
+        si.BoucWen(**DEGRADING, free=("stiffness",))
+
+
+@pytest.mark.parametrize(
+    "name", [*DEGRADING, "exponent", "amplitude", "delta_a", "initial_displacement", "initial_velocity"]
+)
+def test_every_parameter_may_be_free(short_record, name):
+    """The same response whether a parameter is fixed or comes with the run; and a finite derivative in it."""
+    values = DEGRADING | dict(exponent=1.0, amplitude=1.0, delta_a=0.0, initial_displacement=1e-3, initial_velocity=0.0)
+    fixed = si.BoucWen(**values).simulate(NOTHING_FREE, short_record).values
+    free = si.BoucWen(**{k: v for k, v in values.items() if k != name}, free=(name,))
+    np.testing.assert_allclose(free.simulate([[values[name]]], short_record).values, fixed, rtol=1e-7, atol=1e-9)
+    stages = short_record.stage_values(3)
+    slope = jax.jacfwd(lambda t: free.response(t[None], short_record, stages)[0])(jax.numpy.array([values[name]]))
+    assert np.isfinite(slope).all()

@@ -18,6 +18,7 @@ class Analytic:
 
     names = ("x", "y")
     scale = 1.0
+    differentiable = True
 
     def __init__(self, value, gradient, curvature):
         self.space = si.ParameterSpace(**BOX)

@@ -95,6 +95,14 @@ def test_bad_frames_are_refused():
         si.ShearFrame(storeys=2, mass=1.0, **LAW)
     with pytest.raises(InputError, match="Did you mean 'drift_2'"):
         si.ShearFrame(storeys=2, mass=1.0, stiffness=1.0, **LAW, channels=("drift_3",))
+    for free in (("gamma_2",), ("gamma_1", "gamma_2")):
+        with pytest.raises(InputError, match="exactly one of the two"):
+            si.ShearFrame(storeys=2, mass=1.0, stiffness=1.0, **LAW, free=free)
+    with pytest.raises(InputError, match="every storey"):
+        si.ShearFrame(storeys=2, mass=1.0, stiffness=1.0, alpha=0.1, beta=1.0, free=("gamma_2",))
+    for wrong in (np.nan, -1.0, "heavy"):
+        with pytest.raises(InputError, match=r"ShearFrame\.mass"):
+            si.ShearFrame(storeys=2, mass=wrong, stiffness=1.0, **LAW)
     with pytest.raises(InputError, match="imposed displacement"):
         si.ShearFrame(storeys=2, mass=1.0, stiffness=1.0, **LAW).simulate(
             NOTHING_FREE, si.DisplacementHistory(np.zeros(5), 0.1)

@@ -88,6 +88,8 @@ class Excitation:
                 "0",
                 "Only a periodic signal has periods to lead in with.",
             )
+        if self.lead_in_periods < 0:
+            raise InputError("lead_in_periods", f"{self.lead_in_periods}", "0 or more")
         object.__setattr__(self, "values", array)
         object.__setattr__(self, "dt", dt)
 

@@ -90,7 +90,11 @@ def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float
             f"{edges} Hz",
             f"rising frequencies between 0 and the Nyquist frequency {nyquist:g} Hz",
         )
+    if order < 1:
+        raise InputError(f"{band} order", f"{order}", "1 or more")
     sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
+    if signal.size <= 3 * (2 * len(sections) + 1):
+        raise InputError(band, f"a record of {signal.size} samples", f"more than {3 * (2 * len(sections) + 1)} samples")
     return scipy.signal.sosfiltfilt(sections, signal)
 
 
@@ -109,6 +113,8 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
     ndarray, shape (new time,)
         The resampled signal.
     """
+    if not new_dt > 0:
+        raise InputError("resample: dt", f"{new_dt:g} s", "a positive step")
     ratio = Fraction(dt / new_dt).limit_denominator(1000)
     if abs(float(ratio) * new_dt / dt - 1.0) > 1e-9:
         raise InputError("resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction")

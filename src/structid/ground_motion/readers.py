@@ -58,7 +58,12 @@ def read_peer(path: str | os.PathLike[str]) -> tuple[np.ndarray, float, str]:
 
 
 def read_columns(
-    path: str | os.PathLike[str], unit: str, dt: float | None = None, column: int | None = None
+    path: str | os.PathLike[str],
+    unit: str,
+    dt: float | None = None,
+    column: int | None = None,
+    si_unit: str | None = None,
+    from_zero: bool = False,
 ) -> tuple[np.ndarray, float]:
     """Read a signal from text columns: time and value, or value alone with a given step.
 
@@ -72,6 +77,10 @@ def read_columns(
         Time step [s]; when left out, the first column is the time [s].
     column : int, optional
         Which column holds the values, counted from 0; by default the second with a time column, else the first.
+    si_unit : str, optional
+        What `unit` must measure, such as ``"m/s^2"``.
+    from_zero : bool
+        Refuse times that do not start at zero.
 
     Returns
     -------
@@ -87,7 +96,7 @@ def read_columns(
     numbers: list[int] = []
     for number, line in enumerate(_lines(path), start=1):
         text = line.strip()
-        if not text or text.startswith(("#", "%")) or (not rows and re.match(r"[\"A-Za-z\[]", text)):
+        if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
             continue
         row = _numbers(path, [text.replace(",", " ").replace(";", " ")], first_line=number)
         if rows and len(row) != len(rows[0]):
@@ -107,7 +116,25 @@ def read_columns(
         )
     if dt is None:
         dt = _constant_step(path, table[:, 0], numbers)
-    return table[:, index] * to_si(1.0, unit, f"{path}: unit"), dt
+        if from_zero and abs(table[0, 0]) > 0.5 * dt:
+            raise InputError(
+                f"{path}, line {numbers[0]}",
+                f"the first time is {table[0, 0]:g} s",
+                "times that start at 0 s, with the record",
+                "Cut the history to the record's start, or shift its times.",
+            )
+    by = to_si(1.0, unit, f"{path}: unit") if si_unit is None else to_si(f"1 {unit}", si_unit, f"{path}: unit")
+    return table[:, index] * by, dt
+
+
+def _is_header(text: str) -> bool:
+    """Whether a line holds anything but numbers; ``nan`` is a number, and a wrong one."""
+    for word in text.replace(",", " ").replace(";", " ").split():
+        try:
+            float(word)
+        except ValueError:
+            return True
+    return False
 
 
 def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers: list[int]) -> float:

@@ -93,7 +93,7 @@ class GroundMotion(Excitation):
                 "unit='g', 'm/s^2', 'cm/s^2', …",
                 "Say what the numbers mean: GroundMotion.read(path, unit='g').",
             )
-        return cls(*readers.read_columns(path, unit, dt, column), name)
+        return cls(*readers.read_columns(path, unit, dt, column, cls.unit), name)
 
     @classmethod
     def synthetic(
@@ -132,7 +132,7 @@ class GroundMotion(Excitation):
         GroundMotion
             The record.
         """
-        samples = round(duration / dt) + 1
+        samples = round(duration / dt) + 1 if dt > 0 else 0
         acceleration = stochastic_acceleration(
             seed, samples, dt, arias, significant_duration, middle, frequency, frequency_slope, bandwidth
         )

@@ -182,7 +182,10 @@ def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> flo
     angles = np.deg2rad(np.arange(180))
     # The peak over time in any direction lies on the convex hull of the orbit, which has few points.
     points = np.column_stack([first, second])
-    hull = points[scipy.spatial.ConvexHull(points).vertices]
+    try:
+        hull = points[scipy.spatial.ConvexHull(points).vertices]
+    except scipy.spatial.QhullError:  # both components along one line
+        hull = points
     peaks = np.abs(hull @ np.vstack([np.cos(angles), np.sin(angles)])).max(axis=0)
     return float(np.percentile(peaks, percentile))
 

@@ -131,6 +131,13 @@ def stochastic_acceleration(
     ndarray, shape (time,)
         Ground acceleration [m/s²].
     """
+    if seed < 0 or samples < 2 or not min(dt, arias, duration, middle, frequency) > 0 or not 0 < damping_ratio < 1:
+        raise InputError(
+            "synthetic record",
+            f"seed {seed}, {samples} samples at {dt:g} s, arias {arias:g}, duration {duration:g}, middle {middle:g}, "
+            f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
+            "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
+        )
     rng = np.random.default_rng(np.random.SeedSequence([seed, 0x6772_6F75]))
     time = np.arange(samples) * dt
     filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)

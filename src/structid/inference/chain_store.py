@@ -69,9 +69,12 @@ class ChainStore:
         list of dict
             Arrays with a leading step axis.
         """
-        # A kill between the rename and the removal of the journal leaves blocks in both.
-        known = len(self._finished)
-        return self._finished + [b for b in self._journal if int(b.pop("index")) >= known]
+        # A kill between the rename and the removal of the journal leaves blocks in both; a last block that was too short
+        # for a longer run is written again. The later entry counts.
+        found = dict(enumerate(self._finished))
+        for block in self._journal:
+            found[int(block.pop("index"))] = block
+        return [found[i] for i in sorted(found)]
 
     def append(self, index: int, block: Mapping[str, np.ndarray]) -> None:
         """Put one block on disk.
@@ -90,7 +93,7 @@ class ChainStore:
         import h5py
 
         blocks = self.blocks()
-        if blocks and len(blocks) > len(self._finished):
+        if any(True for _ in self._journal):
             temporary = self.path.with_name(self.path.name + ".partial")
             with h5py.File(temporary, "w") as file:
                 file.attrs["identity"] = json.dumps(self.identity, sort_keys=True)

@@ -123,12 +123,15 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     prior_sd = np.array([list(posterior.space.marginals.values())[i].moments[1] for i in kept])
     scaled = fisher * np.outer(prior_sd, prior_sd)
     eigenvalues, vectors = np.linalg.eigh(scaled)
-    inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
+    # A combination without information has infinite variance, and so has every parameter with a part in it.
+    dark = eigenvalues < 1e-13 * eigenvalues[-1]
+    variance = (vectors**2 / np.where(dark, 1.0, eigenvalues)).sum(axis=1, where=~dark[None, :])
+    variance = np.where((vectors**2 * dark).sum(axis=1) > 1e-10, np.inf, variance)
     return Identifiability(
         tuple(posterior.names[i] for i in kept),
         fisher,
         np.maximum(eigenvalues[::-1], 0.0),
         vectors[:, ::-1],
-        prior_sd * np.sqrt(np.diag(inverse)),
+        prior_sd * np.sqrt(variance),
         prior_sd,
     )

@@ -13,7 +13,7 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
-from structid.histories import check_channels
+from structid.histories import CHANNEL_UNITS, base_channel, check_channels
 from structid.inference.discrepancy import IID, Discrepancy
 from structid.inference.target import Target
 from structid.journal import digest
@@ -137,7 +137,8 @@ class Observation:
         Observation
             The measurement.
         """
-        values, step = read_columns(path, unit, dt, column)
+        expected = CHANNEL_UNITS.get(base_channel(channel), (None, ""))[0]
+        values, step = read_columns(path, unit, dt, column, expected, from_zero=True)
         return cls(record, values, (channel,), step, str(path), **nuisances)
 
     def nuisances(self) -> dict[str, Marginal]:
@@ -496,7 +497,8 @@ class Posterior(Target):
             Log density with respect to φ, and where a simulation failed.
         """
         if isinstance(self.model, JaxModel):
-            return self._compiled["coordinates"](phi, self._data)
+            parts = [self._compiled["coordinates"](phi[rows], self._data) for rows in _batches(len(phi))]
+            return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
         theta, jacobian = self.bijection(phi)
         density, _, failed = self._evaluate(theta)
         return density + jacobian, failed
@@ -584,6 +586,11 @@ class Misfit:
         self._posterior = posterior
         extra = list(posterior.space.marginals.values())[self.space.dimension :]
         self._rest = np.array([float(m.quantile(np.array(0.5))) for m in extra])
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether the model has derivatives."""
+        return isinstance(self._posterior.model, JaxModel)
 
     @cached_property
     def scale(self) -> float:

@@ -85,10 +85,10 @@ def predict(
     theta : ndarray, shape (draw, parameter)
         Draws in SI.
     record : Excitation, optional
-        The record; the first measured one when left out. On another record the instrument's gain, offset and time shift are left
-        out of the prediction.
+        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
+        those of its observation; on another one the discrepancy of the first observation is used, and its instrument is not.
     channels : tuple of str, optional
-        What to predict; what was measured when left out.
+        What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
         Seed of the discrepancy.
     progress : callable, optional
@@ -99,27 +99,30 @@ def predict(
     Prediction
         Draws whose simulation succeeded.
     """
-    first = posterior.observations[0]
-    record = first.record if record is None else record
-    channels = first.channels if channels is None else tuple(channels)
-    model = _recording(posterior.model, channels)
+    observations = posterior.observations
+    record = observations[0].record if record is None else record
+    index = next((i for i, o in enumerate(observations) if o.record is record), None)
+    observation = observations[index or 0]
+    channels = observation.channels if channels is None else tuple(channels)
+    every = tuple(dict.fromkeys((*observation.channels, *channels)))
+    model = _recording(posterior.model, every)
     run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress)
     good = run.done
-    response = run.values[good][:, :, [run.channels.index(c) for c in channels]]
-    if record is first.record and channels == first.channels:
-        shown = first.transmit(response.transpose(1, 2, 0), posterior.unknowns(theta[good], 0))
-        response = np.asarray(shown).transpose(2, 0, 1)
-    rng = np.random.default_rng(
-        np.random.SeedSequence([seed, _STREAM["other record" if record is not first.record else "posterior"]])
-    )
+    response = run.values[good][:, :, [run.channels.index(c) for c in every]]
+    unknown = posterior.unknowns(theta[good], index or 0)
+    measured = slice(0, len(observation.channels))
+    if index is not None and len(response):
+        shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
+        response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
+    purpose = "other record" if index is None else "posterior"
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index or 0]))
     observable = response.copy()
-    measured = [channels.index(c) for c in first.channels if c in channels]
-    if len(measured) == len(first.channels) and len(response):
-        shape = (len(response), response.shape[1], len(measured))
-        observable[:, :, measured] += posterior.discrepancy.draw(
-            rng, shape, posterior.unknowns(theta[good], 0), first.channels
-        )
-    return Prediction(run.time, channels, response, observable, int((~good).sum()), record.name)
+    noise_shape = (len(response), response.shape[1], measured.stop)
+    observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels)
+    wanted = [every.index(c) for c in channels]
+    return Prediction(
+        run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
+    )
 
 
 def _recording(model: Any, channels: tuple[str, ...]) -> Any:
@@ -153,7 +156,8 @@ def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
     for index, observation in enumerate(posterior.observations):
         residual = observation.values - posterior.predict(theta[None, :], index)[0]
         about_mean = ((observation.values - observation.values.mean(axis=0)) ** 2).sum(axis=0)
-        worst = max(worst, float(((residual**2).sum(axis=0) / about_mean).max()))
+        fraction = float(((residual**2).sum(axis=0) / about_mean).max())
+        worst = max(worst, fraction if np.isfinite(fraction) else np.inf)
     return worst
 
 

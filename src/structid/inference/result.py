@@ -426,6 +426,7 @@ class _NegativeLogDensity:
     """−log π as an objective; the curvature that whitens the polls is the inverse of the draws' covariance."""
 
     scale = 1.0
+    differentiable = True
 
     def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
         self.names, self._target = target.names, target

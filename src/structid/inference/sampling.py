@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.errors import InputError
 from structid.inference.chain_store import ChainStore
 from structid.inference.ensemble import (
     AIES,
@@ -21,6 +22,7 @@ from structid.inference.ensemble import (
 )
 from structid.inference.result import SamplingResult
 from structid.inference.target import Target
+from structid.journal import digest
 from structid.models.base import Progress
 
 
@@ -62,16 +64,22 @@ def sample(
         If `store` belongs to another run.
     """
     sampler = AIES() if sampler is None else sampler
+    if seed < 0:
+        raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
     identity = {
         "target": target.content_hash,
         "names": list(target.names),
         "sampler": sampler.describe(),
         "seed": seed,
+        "start": None if start is None else digest(np.asarray(start, dtype=np.float64)),
     }
     chains = None if store is None else ChainStore(store, identity)
     blocks = [] if chains is None else chains.blocks()
-    state, start_failures = _resume(target, sampler, seed, start, blocks)
     lengths = list(block_lengths(sampler.steps))
+    # A last block that an earlier, shorter run cut off is run again whole: its random stream is the block's.
+    while blocks and len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]:
+        blocks.pop()
+    state, start_failures = _resume(target, sampler, seed, start, blocks)
     for index in range(len(blocks), len(lengths)):
         began = time.perf_counter()
         if 0 < index * BLOCK_STEPS <= sampler.settling_steps:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import InputError, check_choice
-from structid.journal import digest
+from structid.journal import digest, function_identity
 from structid.probability.bijections import Bijection
 from structid.probability.space import ParameterSpace
 
@@ -151,7 +151,8 @@ class LogDensity(Target):
             The log density.
         """
         value = self._function(theta) if self.backend == "numpy" else self._compiled[0](theta)
-        return np.asarray(value, dtype=np.float64)
+        value = np.asarray(value, dtype=np.float64)
+        return np.where(np.isnan(value), -np.inf, value)
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log density in unconstrained coordinates; see `Target.evaluate`.
@@ -168,13 +169,10 @@ class LogDensity(Target):
         """
         if self.backend == "numpy":
             theta, jacobian = self.bijection(phi)
-            value = self.log_density(theta)
+            value = np.asarray(self._function(theta), dtype=np.float64)
             if value.shape != (len(phi),):
-                raise InputError(
-                    "LogDensity.function",
-                    f"an array of shape {value.shape} for {len(phi)} points",
-                    f"shape ({len(phi)},)",
-                )
+                came = f"an array of shape {value.shape} for {len(phi)} points"
+                raise InputError("LogDensity.function", came, f"shape ({len(phi)},)")
             value = value + jacobian
         else:
             value = self._compiled[1](phi)
@@ -211,5 +209,5 @@ class LogDensity(Target):
 
     @property
     def content_hash(self) -> str:
-        """Hash of the names and bounds; the function itself cannot be hashed."""
-        return digest(self.names, self.bijection.bounds)
+        """Hash of the names, the bounds and what the function does."""
+        return digest(self.names, self.bijection.bounds, function_identity(self._function))

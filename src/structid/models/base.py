@@ -167,6 +167,12 @@ class JaxModel(Model):
             has its time of failure, and NaN from there on.
         """
         theta = self.parameters(design)
+        if not isinstance(excitation, Excitation):
+            raise InputError(
+                "simulate", f"a {type(excitation).__name__} as the excitation", "a GroundMotion, ForceHistory, …"
+            )
+        if len(theta) == 0:
+            raise InputError("simulate", "no runs", "one row of parameters or more")
         run = self._compiled(excitation)
         stages = excitation.stage_values(self.substeps)
         parts = []

@@ -157,7 +157,7 @@ class BoucWen(JaxModel):
         for name in PARAMETER_UNITS:
             value = getattr(self, name)
             if value is not None:
-                object.__setattr__(self, name, _finite(f"BoucWen.{name}", value))
+                object.__setattr__(self, name, finite_number(f"BoucWen.{name}", value))
         self._check_complete()
         self._check_values()
 
@@ -171,6 +171,11 @@ class BoucWen(JaxModel):
                     f"BoucWen.{name}",
                     "it has no value and is not free",
                     f"a number in {PARAMETER_UNITS[name] or '-'}, or its name in free",
+                )
+        for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
+            if name in self.free and getattr(self, name) is not None:
+                raise InputError(
+                    f"BoucWen.{name}", "it has a value and is free as well", "one of the two", "Remove one."
                 )
         for first, second in _EITHER:
             if self._given(first) and self._given(second):
@@ -396,7 +401,8 @@ class _Equations:
 
         if self.values["damping"] is not None:
             return self.values["damping"] / self.mass
-        return 2.0 * (self.values["damping_ratio"] or 0.0) * jnp.sqrt(self.omega_squared)
+        ratio = self.values["damping_ratio"]
+        return 2.0 * (0.0 if ratio is None else ratio) * jnp.sqrt(self.omega_squared)
 
     def initial_state(self, like: Any) -> dict[str, Any]:
         """State at the first sample, every part of shape (run,)."""
@@ -545,7 +551,26 @@ def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, 
     }
 
 
-def _finite(where: str, value: Any) -> float:
+def finite_number(where: str, value: Any) -> float:
+    """Return a value as a finite float.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    value : object
+        What came.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
     try:
         number = float(value)
     except (TypeError, ValueError):

@@ -79,8 +79,10 @@ def integrate(
     """
     substeps = stages.shape[1]
     step = dt / substeps
-    # Observing before stepping needs no extra first row; the last row's step, over a constant input, is not observed.
-    last = jnp.broadcast_to(stages[-1:, -1:, 2:], (1, substeps, 3))
+    # Observing before stepping needs no extra first row. The last row continues the record straight: its start is observed,
+    # slope included, its step is not.
+    middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
+    last = jnp.broadcast_to(end + (end - middle) * jnp.arange(3.0), (1, substeps, 3))
 
     def substep(state: State, stage: Any) -> tuple[State, None]:
         return runge_kutta_4(rate, state, inputs_of(stage), step), None

@@ -13,7 +13,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.histories import check_channels
 from structid.journal import digest
 from structid.models.base import JaxModel
-from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free
+from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free, finite_number
 from structid.models.hysteresis import Law, degrades, hysteretic_rate
 
 STOREY_PARAMETERS = (
@@ -152,9 +152,14 @@ class ShearFrame(JaxModel):
 
     def _per_storey(self, name: str, value: Storeys) -> float | tuple[float, ...] | None:
         """Return one float if all storeys share it (terms fixed at zero can then be left out), else a tuple."""
-        if value is None or np.ndim(value) == 0:
-            return None if value is None else float(value)  # type: ignore[arg-type]
-        values = tuple(float(v) for v in value)  # type: ignore[union-attr]
+        if value is None:
+            return None
+        given = [value] * self.storeys if np.ndim(value) == 0 else list(value)  # type: ignore[arg-type]
+        values = tuple(finite_number(f"ShearFrame.{name}", v) for v in given)
+        if name in ("mass", "stiffness", "exponent") and min(values) <= 0.0:
+            raise InputError(f"ShearFrame.{name}", f"{min(values):g}", "positive numbers")
+        if name == "zeta0" and max(values) >= 1.0:
+            raise InputError("ShearFrame.zeta0", f"{max(values):g}", "numbers below 1")
         if len(values) != self.storeys or not np.isfinite(values).all():
             raise InputError(f"ShearFrame.{name}", f"{list(values)}", f"one finite number, or {self.storeys} of them")
         return values[0] if len(set(values)) == 1 else values
@@ -169,8 +174,32 @@ class ShearFrame(JaxModel):
                 raise InputError(
                     f"ShearFrame.{name}", "it has no value and is not free", "numbers, or its name in free"
                 )
-        if self._given("gamma") == self._given("gamma_ratio"):
-            raise InputError("ShearFrame.gamma", "both or neither of gamma and gamma_ratio", "exactly one of the two")
+        if self._named("gamma") == self._named("gamma_ratio"):
+            raise InputError(
+                "ShearFrame.gamma",
+                "both or neither of gamma and gamma_ratio",
+                "exactly one of the two, for all storeys",
+            )
+        for name in STOREY_PARAMETERS:
+            numbered = [n for n in self.free if n in {f"{name}_{j}" for j in self._numbers}]
+            if numbered and not self._given(name):
+                raise InputError(
+                    f"ShearFrame.{name}", f"only {', '.join(numbered)} free", "a value or a prior for every storey"
+                )
+        pinched = self._named("zeta0") and (self.zeta0 != 0.0 or any(n.startswith("zeta0") for n in self.free))
+        if pinched and any(np.min(getattr(self, n)) <= 0.0 and n not in self.free for n in ("p", "psi0", "lambda_")):
+            raise InputError(
+                "ShearFrame pinching",
+                "zeta0 without p, psi0 and lambda_",
+                "positive p, psi0 and lambda_ wherever zeta0 is not 0",
+            )
+        if self.rayleigh_mode < 1:
+            raise InputError("ShearFrame.rayleigh_mode", f"{self.rayleigh_mode}", "1 or more")
+
+    def _named(self, name: str) -> bool:
+        """Whether anything is said of a parameter, for all storeys or for one."""
+        own = {name, *(f"{name}_{j}" for j in self._numbers)}
+        return getattr(self, name) is not None or bool(own & set(self.free))
 
     # --- response -----------------------------------------------------------------------------------------------
 

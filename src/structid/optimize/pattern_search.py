@@ -37,7 +37,7 @@ def pattern_search(
     constraints: Sequence[str] = (),
     starts: int | np.ndarray = 20,
     seed: int = 1,
-    whiten: bool = True,
+    whiten: bool | None = None,
     tolerance: float = 1e-9,
     iterations: int = 2000,
     progress: Any = None,
@@ -64,8 +64,9 @@ def pattern_search(
         How many starting points to draw, or the points in SI.
     seed : int
         Seed of the starting points.
-    whiten : bool
-        Whiten by curvature; needs ``objective.linearised``. False polls along the coordinates.
+    whiten : bool, optional
+        Whiten by curvature, which needs an objective with derivatives; by default wherever it has them. False polls along
+        the coordinates.
     tolerance : float
         Step, in fractions of the box, at which a search ends.
     iterations : int
@@ -78,6 +79,7 @@ def pattern_search(
     OptimizeResult
         Distinct minima, best first.
     """
+    whiten = objective.differentiable if whiten is None else whiten
     where = region(objective, bounds, constraints)
     x = starting_points(where, starts, seed)
     dimension = x.shape[1]
@@ -105,6 +107,7 @@ def pattern_search(
 
 def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
     search.iteration += 1
+    found = np.where(np.isnan(found), np.inf, found)
     best = int(np.argmin(found)) if found.size else -1
     if best >= 0 and found[best] < search.value:
         search.x, search.value = search.polls[best], float(found[best])

@@ -21,6 +21,7 @@ class Objective(Protocol):
     names: tuple[str, ...]
     space: ParameterSpace
     scale: float
+    differentiable: bool
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Values (run,) at ``theta[run, parameter]``."""

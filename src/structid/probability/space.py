@@ -13,7 +13,7 @@ import numpy as np
 import scipy.special
 
 from structid.errors import InputError, suggestion
-from structid.journal import digest
+from structid.journal import digest, function_identity
 from structid.probability.bijections import Bijection
 from structid.probability.designs import unit_design
 from structid.probability.expressions import parse_expression
@@ -177,7 +177,7 @@ class ParameterSpace:
     @property
     def content_hash(self) -> str:
         """Hash of the names and distributions."""
-        derived = {n: s if isinstance(s, str) else _identity(s) for n, s in self._derived_source.items()}
+        derived = {n: s if isinstance(s, str) else function_identity(s) for n, s in self._derived_source.items()}
         correlation = [] if self._correlation is None else self._correlation.tolist()
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
 
@@ -447,7 +447,8 @@ class ParameterSpace:
     @cached_property
     def bijection(self) -> Bijection:
         """Smooth map between ℝᵈ and the support, with the prior's scale where there are no bounds."""
-        return Bijection(self.bounds, np.array([m.moments[1] for m in self.marginals.values()]))
+        quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)
+        return Bijection(self.bounds, (quartiles[:, 1] - quartiles[:, 0]) / 1.349)
 
     def __repr__(self) -> str:
         rows = [f"  {name}: {m}" for name, m in self.marginals.items()]
@@ -456,15 +457,6 @@ class ParameterSpace:
             for name, source in self._derived_source.items()
         ]
         return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
-
-
-def _identity(function: Derivation) -> str:
-    """What a function does, as far as it can be told: its code and what it closes over, not where it lies in memory."""
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return getattr(function, "__qualname__", type(function).__qualname__)
-    closure = [repr(cell.cell_contents) for cell in getattr(function, "__closure__", None) or ()]
-    return digest(code.co_code.hex(), repr(code.co_consts), code.co_names, closure)
 
 
 def _copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:

@@ -146,7 +146,7 @@ class ReportContent:
         best = result.map_estimate
         draws = result.thinned(prediction_draws)
         observations = posterior.observations
-        predictions = tuple(_predict_observation(posterior, draws, i, result.seed) for i in range(len(observations)))
+        predictions = tuple(predict(posterior, draws, o.record, seed=result.seed) for o in observations)
         others = tuple(
             OtherRecord(
                 r.name, predict(posterior, draws, r, seed=result.seed), predict(posterior, best[None], r).response[0]
@@ -370,22 +370,10 @@ class ReportContent:
                 )
 
 
-def _predict_observation(posterior: Posterior, draws: np.ndarray, index: int, seed: int) -> Prediction:
-    response = posterior.predict(draws, index)
-    good = np.isfinite(response).all(axis=(1, 2))
-    observation = posterior.observations[index]
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 21, index]))
-    noise = posterior.discrepancy.draw(
-        rng, response[good].shape, posterior.unknowns(draws[good], index), observation.channels
-    )
-    return Prediction(
-        observation.record.time,
-        observation.channels,
-        response[good],
-        response[good] + noise,
-        int((~good).sum()),
-        observation.record.name,
-    )
+def _best_response(posterior: Posterior, best: np.ndarray, record: GroundMotion) -> np.ndarray:
+    """Response at the MAP estimate (time, channel); NaN throughout if it diverges there."""
+    response = predict(posterior, best[None], record).response
+    return response[0] if len(response) else np.full((len(record), len(posterior.observations[0].channels)), np.nan)
 
 
 def _loop_channels(model: Any) -> tuple[str, ...] | None:

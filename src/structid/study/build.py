@@ -19,7 +19,9 @@ from structid.journal import digest
 from structid.models.base import JaxModel
 from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
 from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
+from structid.optimize.region import region
 from structid.probability import marginals
+from structid.probability.expressions import parse_expression
 from structid.probability.marginals import Marginal
 from structid.probability.space import ParameterSpace
 from structid.study.schema import (
@@ -81,6 +83,18 @@ class BuiltStudy:
         return digest(self.posterior.content_hash, self.sampler.describe(), self.file.seed)
 
     @property
+    def search_bounds(self) -> dict[str, tuple[float, float]] | None:
+        """Bounds of the deterministic searches in SI, None for the priors' supports."""
+        space = self.posterior.model_space
+        bounds = {}
+        for name, (low, high) in self.file.deterministic.bounds.items():
+            key = f"key 'deterministic.bounds.{name}'"
+            if name not in space.names:
+                raise InputError(key, "no such parameter", ", ".join(space.names), suggestion(name, space.names))
+            bounds[name] = (to_si(low, space.units[name], key), to_si(high, space.units[name], key))
+        return bounds or None
+
+    @property
     def true_values(self) -> dict[str, float]:
         """True values of the sampled parameters in a virtual experiment, in SI, where the two models share a name."""
         truth = self.truths[0]
@@ -114,7 +128,7 @@ def build(file: StudyFile, folder: Path) -> BuiltStudy:
     record = _process(raw, file.record, "record")
     space = _space(file)
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
-    model = _model(file.model, space, channels)
+    model = _model(file.model, space, file.derived, channels)
     observations, truths = [], []
     for index, section in enumerate(file.observation):
         where = "observation" if len(file.observation) == 1 else f"observation.{index}"
@@ -125,7 +139,29 @@ def build(file: StudyFile, folder: Path) -> BuiltStudy:
     posterior = Posterior(space, model, observations, _discrepancy(file, channels))
     settings = file.sampler.model_dump(exclude={"kind"})
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
-    return BuiltStudy(file, folder, raw, record, posterior, AIES(**settings), tuple(truths), others)
+    if settings["settling_steps"] is None:
+        settings["settling_steps"] = min(500, int(settings["discard"] * settings["steps"]))
+    study = BuiltStudy(file, folder, raw, record, posterior, _sampler(settings), tuple(truths), others)
+    _check_before_anything_is_written(study)
+    return study
+
+
+def _sampler(settings: dict[str, Any]) -> AIES:
+    try:
+        return AIES(**settings)
+    except InputError as error:
+        key = error.where.replace("AIES.", "sampler.")
+        raise InputError(f"key '{key}'", error.came, error.allowed, error.cure) from None
+
+
+def _check_before_anything_is_written(study: BuiltStudy) -> None:
+    """What the sampler and the searches would refuse, said before a folder is taken."""
+    dimension = study.posterior.dimension
+    if study.sampler.walkers < 2 * dimension:
+        raise InputError(
+            "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"
+        )
+    region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
 
 
 # --- records --------------------------------------------------------------------------------------------------------
@@ -187,9 +223,12 @@ def _process(record: GroundMotion, section: RecordSection, where: str) -> Ground
 # --- parameters -----------------------------------------------------------------------------------------------------
 
 
-def _prior(section: PriorSection, where: str, si_unit: str) -> Marginal:
+def _prior(section: PriorSection, where: str, si_unit: str | None) -> Marginal:
+    """Build a prior; `si_unit` is what it must measure, None for a parameter the model does not know."""
     make, allowed = _FAMILIES[section.distribution]
-    unit = si_unit if section.unit is None else section.unit
+    unit = (si_unit or "") if section.unit is None else section.unit
+    if si_unit is not None:
+        to_si(f"1 {unit}", si_unit, f"key '{where}.unit'")
     values: dict[str, Any] = {}
     for name in (*_WITH_UNIT, *_PURE):
         value = getattr(section, name)
@@ -213,9 +252,7 @@ def _space(file: StudyFile) -> ParameterSpace:
     priors = {}
     for name, section in file.parameters.items():
         base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
-        priors[name] = _prior(section, f"parameters.{name}", PARAMETER_UNITS.get(base, ""))
-        if base in PARAMETER_UNITS and section.unit is not None:
-            to_si(f"1 {section.unit}", PARAMETER_UNITS[base], f"key 'parameters.{name}.unit'")
+        priors[name] = _prior(section, f"parameters.{name}", _parameter_unit(base, file))
     correlation = {}
     for pair, value in file.correlation.items():
         names = [n.strip() for n in pair.split(",")]
@@ -225,28 +262,40 @@ def _space(file: StudyFile) -> ParameterSpace:
     return ParameterSpace(correlation or None, file.derived, **priors)
 
 
+def _parameter_unit(name: str, file: StudyFile) -> str | None:
+    """SI unit of a parameter; β and γ are in m⁻ⁿ, which is known only where n is."""
+    if name not in ("beta", "gamma"):
+        return PARAMETER_UNITS.get(name)
+    exponent = getattr(file.model, "exponent", None)
+    if any(n.startswith("exponent") for n in (*file.parameters, *file.derived)) or isinstance(exponent, tuple):
+        return ""  # a plain number in SI
+    return "1/m" if exponent in (None, 1.0) else f"1/m^{exponent:g}"
+
+
 # --- model ----------------------------------------------------------------------------------------------------------
 
 
-def _model(section: Any, space: ParameterSpace, channels: tuple[str, ...]) -> JaxModel:
+def _model(section: Any, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...]) -> JaxModel:
     """Build the model with every parameter it knows and the space has as free."""
     given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
     known = set(PARAMETER_UNITS) if section.type == "bouc_wen" else _frame_parameters(section.storeys)
     free = tuple(n for n in space.all_names if n in known)
-    for name in space.names:
+    ingredients = {n for name, text in derived.items() for n in parse_expression(text, f"derived.{name}")[1]}
+    for name in space.all_names:
         if name in given:
             raise InputError(
-                f"key 'parameters.{name}'",
+                f"key 'parameters.{name}'" if name in space.names else f"key 'derived.{name}'",
                 "it has a value in [model] as well",
-                "a prior or a value",
+                "one of the two",
                 "Remove one of them.",
             )
-        # A sampled name the model lacks must at least be an ingredient of a derived one.
-        if name not in known and set(space.names) == set(space.all_names):
+        # A name the model lacks must at least be an ingredient of a derived one.
+        if name not in known and name not in ingredients:
             raise InputError(
-                f"key 'parameters.{name}'",
+                f"key 'parameters.{name}'" if name in space.names else f"key 'derived.{name}'",
                 f"the model {section.type} has no parameter '{name}'",
-                ", ".join(sorted(known)),
+                ", ".join(n for n in PARAMETER_UNITS if n in known)
+                + (" (and stiffness_2, …)" if section.type == "shear_frame" else ""),
                 suggestion(name, known),
             )
     return _construct(section.type, given, free, channels)
@@ -319,7 +368,17 @@ def _virtual_experiment(
 
 def _discrepancy(file: StudyFile, channels: tuple[str, ...]) -> IID:
     section = file.discrepancy
+    units = {CHANNEL_UNITS.get(base_channel(c), ("", ""))[0] for c in channels}
+    if section.variance is not None and len(units) > 1:
+        raise InputError(
+            "key 'discrepancy.variance'",
+            f"one variance for channels in {', '.join(sorted(units))}",
+            "nothing, so that each channel has its own unknown variance",
+        )
+    unit = units.pop()
     if isinstance(section.variance, PriorSection):
-        unit = CHANNEL_UNITS.get(base_channel(channels[0]), ("", ""))[0]
         return IID(_prior(section.variance, "discrepancy.variance", f"({unit})^2"), section.per_channel)
-    return IID(section.variance, section.per_channel)
+    if section.variance is None:
+        return IID(None, section.per_channel)
+    variance = to_si(section.variance, f"({unit})^2", "key 'discrepancy.variance'")
+    return IID(variance, section.per_channel)

@@ -227,7 +227,7 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
         with stage(name) as progress, timings.measured(name):
             found[name] = _SEARCHES[method](
                 study.posterior.misfit,
-                bounds=_bounds(study),
+                bounds=study.search_bounds,
                 constraints=section.constraints,
                 starts=section.starts,
                 seed=study.file.seed,
@@ -236,22 +236,6 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
         found[name].to_text(folder / f"{method}.txt")
         _write_search(stored, found[name], settings)
     return found
-
-
-def _bounds(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
-    from structid.units import to_si
-
-    space = study.posterior.model_space
-    bounds = {}
-    for name, pair in study.file.deterministic.bounds.items():
-        if name not in space.names:
-            raise InputError(f"key 'deterministic.bounds.{name}'", "no such parameter", ", ".join(space.names))
-        unit = space.units[name]
-        bounds[name] = (
-            to_si(pair[0], unit, f"key 'deterministic.bounds.{name}'"),
-            to_si(pair[1], unit, f"key 'deterministic.bounds.{name}'"),
-        )
-    return bounds or None
 
 
 def _write_search(path: Path, result: OptimizeResult, settings: dict[str, Any]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pydantic
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
 from structid.errors import InputError
 from structid.models.bouc_wen import PARAMETER_UNITS
@@ -48,7 +48,7 @@ class Section(BaseModel):
 class SyntheticSection(Section):
     """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
 
-    seed: int
+    seed: int = Field(ge=0)
     duration: Seconds = 40.0
     dt: Seconds = 0.01
     arias: MetresPerSecond = 1.0
@@ -71,7 +71,7 @@ class RecordSection(Section):
     baseline: Literal["constant", "linear"] | None = None
     highpass: Hertz | None = None
     lowpass: Hertz | None = None
-    filter_order: int | None = None
+    filter_order: int | None = Field(default=None, ge=1)
     resample: Seconds | None = None
     trim: tuple[Seconds, Seconds] | None = None
     pga: MetresPerSecondSquared | None = None
@@ -102,11 +102,24 @@ _BoucWenParameters = create_model(  # type: ignore[call-overload]
 )
 
 
+def _plain_shapes(table: Any) -> Any:
+    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly."""
+    if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
+        for name in ("beta", "gamma"):
+            if isinstance(table.get(name), str):
+                raise InputError(
+                    name, f"{name} = '{table[name]}' with an exponent that is not 1", "a plain number in m^-n"
+                )
+    return table
+
+
 class BoucWenSection(_BoucWenParameters):  # type: ignore[valid-type, misc]
     """The oscillator: parameters that are known, by the names of `BoucWen`; the rest have priors."""
 
     type: Literal["bouc_wen"]
     substeps: int | None = None
+
+    _shapes = model_validator(mode="before")(_plain_shapes)
 
 
 def _per_storey(unit: str) -> Any:
@@ -130,6 +143,8 @@ class ShearFrameSection(_FrameParameters):  # type: ignore[valid-type, misc]
     rayleigh_mode: int = 3
     substeps: int | None = None
 
+    _shapes = model_validator(mode="before")(_plain_shapes)
+
 
 ModelSection = Annotated[Union[BoucWenSection, ShearFrameSection], Field(discriminator="type")]  # noqa: UP007
 
@@ -137,8 +152,8 @@ ModelSection = Annotated[Union[BoucWenSection, ShearFrameSection], Field(discrim
 class VirtualSection(Section):
     """A virtual experiment: the true model's parameters, and the noise as a fraction of each channel's RMS."""
 
-    noise: Fraction = 0.0
-    seed: int | None = None
+    noise: Annotated[Fraction, Field(ge=0)] = 0.0
+    seed: int | None = Field(default=None, ge=0)
     model: ModelSection
 
 
@@ -161,7 +176,7 @@ class DiscrepancySection(Section):
     """The law of the difference between model and measurement."""
 
     kind: Literal["iid"] = "iid"
-    variance: float | PriorSection | None = None
+    variance: float | str | PriorSection | None = None
     per_channel: bool = True
 
 
@@ -176,14 +191,14 @@ class SamplerSection(Section):
     differential_evolution: float = 0.8
     discard: float = 0.3
     start_candidates: int = 10
-    settling_steps: int = 500
+    settling_steps: int | None = None
 
 
 class DeterministicSection(Section):
     """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
 
     methods: tuple[Literal["pattern_search", "interior_point"], ...] = ("pattern_search", "interior_point")
-    starts: int = 10
+    starts: int = Field(default=10, ge=1)
     constraints: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | str, float | str]] = {}
 
@@ -192,7 +207,7 @@ class PredictionSection(Section):
     """Prediction for other records."""
 
     records: tuple[RecordSection, ...] = ()
-    draws: int = 400
+    draws: int = Field(default=400, ge=2)
 
 
 class StudyFile(Section):
@@ -200,10 +215,10 @@ class StudyFile(Section):
 
     name: str
     title: str = ""
-    seed: int = 1
+    seed: int = Field(default=1, ge=0)
     record: RecordSection
     model: ModelSection
-    parameters: dict[str, PriorSection]
+    parameters: dict[str, PriorSection] = Field(min_length=1)
     derived: dict[str, str] = {}
     correlation: dict[str, float] = {}
     observation: Annotated[
