@@ -10,11 +10,12 @@ from structid.study.run import load
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TESTED = {
-    "el_centro.toml",
-    "cyclic_test.py",
+    "bouc_wen_benchmark.py",  # in tests/statistical
     "calibrate_in_python.py",
-    "bouc_wen_benchmark.py",
-}  # the last in tests/statistical
+    "cyclic_test.py",
+    "el_centro.toml",
+    "linear_limit.py",
+}
 
 
 def imported(name):
@@ -48,3 +49,8 @@ def test_the_readme_script_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = imported("calibrate_in_python").main(steps=60)
     assert not result.verdict().converged  # sixty steps: it says so
+
+
+def test_the_linear_limit_matches_duhamel(tmp_path):
+    assert imported("linear_limit").main(tmp_path / "linear") < 2e-4
+    assert (tmp_path / "linear.png").stat().st_size > 10_000

@@ -29,7 +29,7 @@ class Minimum:
     starts : int
         How many starts ended there.
     on_boundary : tuple of str
-        Parameters at one of their bounds.
+        Parameters at one of their bounds, and inequalities that hold with equality.
     """
 
     theta: np.ndarray
@@ -150,7 +150,8 @@ def collect(
     while left:
         centre = left[0]
         same = [i for i in left if np.abs(x[i] - x[centre]).max() < SAME_POINT]
-        at = [n for n, v in zip(objective.names, x[centre], strict=True) if min(v, 1.0 - v) < 1e-6]
+        near = np.flatnonzero(where.slack(x[centre]) < 1e-6)
+        at = dict.fromkeys(where.faces[i] for i in near)
         minima.append(Minimum(where.to_theta(x[centre]), float(values[centre]), len(same), tuple(at)))
         left = [i for i in left if i not in same]
     return OptimizeResult(

@@ -53,12 +53,15 @@ class Region:
         Lower bounds and ranges in SI.
     matrix, limit : ndarray, shape (constraint, parameter) and (constraint,)
         A, with rows of unit length, and b.
+    faces : tuple of str
+        What each constraint is called: a parameter for the box, else the inequality.
     """
 
     low: np.ndarray
     width: np.ndarray
     matrix: np.ndarray
     limit: np.ndarray
+    faces: tuple[str, ...]
 
     def to_theta(self, x: np.ndarray) -> np.ndarray:
         """Scaled coordinates to SI.
@@ -188,7 +191,7 @@ def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, 
         length = np.linalg.norm(row)
         rows.append(row[None, :] / length)
         limits.append(np.array([-(constant + coefficient @ low) / length]))
-    return Region(low, width, np.concatenate(rows), np.concatenate(limits))
+    return Region(low, width, np.concatenate(rows), np.concatenate(limits), (*names, *names, *constraints))
 
 
 def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:

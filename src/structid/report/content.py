@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -179,21 +181,30 @@ class ReportContent:
 
     # --- figures ------------------------------------------------------------------------------------------------
 
-    def draw(self, folder: Path) -> None:
-        """Draw every figure into a folder, as PNG and PDF.
+    def drawings(self, folder: Path) -> list[Callable[[], None]]:
+        """Give what draws the figures into a folder, as PNG and PDF, step by step.
 
         Parameters
         ----------
         folder : Path
             The folder; made if it is not there.
+
+        Returns
+        -------
+        list of callable
+            To be called in order.
         """
         folder.mkdir(parents=True, exist_ok=True)
         self.figures.clear()
-        self._draw_data(folder)
-        self._draw_responses(folder)
-        self._draw_posterior(folder)
-        self._draw_searches(folder)
-        self._draw_others(folder)
+        parts = (
+            self._draw_data,
+            self._draw_responses,
+            self._draw_parameters,
+            self._draw_convergence,
+            self._draw_searches,
+            self._draw_others,
+        )
+        return [functools.partial(part, folder) for part in parts]
 
     def _add(self, section: str, name: str, caption: str) -> str:
         self.figures.append((section, name, caption))
@@ -272,7 +283,7 @@ class ReportContent:
             save=folder / self._add("response", f"energy{self._suffix(index)}", "Energy absorbed by the spring."),
         )
 
-    def _draw_posterior(self, folder: Path) -> None:
+    def _draw_parameters(self, folder: Path) -> None:
         result, space = self.result, self.posterior.space
         factors, names = space.factors, space.names
         units = list(space.units.values())
@@ -312,6 +323,10 @@ class ReportContent:
                     "posterior", "identifiability", "What the data see: Fisher information at the MAP estimate."
                 ),
             )
+
+    def _draw_convergence(self, folder: Path) -> None:
+        result, space = self.result, self.posterior.space
+        factors, names, units = space.factors, space.names, list(space.units.values())
         posterior_figures.traces(
             names,
             units,

@@ -176,7 +176,7 @@ def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
     with stage("sampling") as progress, timings.measured("sampling"):
         result = sample(study.posterior, study.sampler, study.file.seed, folder / "chains.h5", progress=progress)
     timings.put("sampling", result.seconds)
-    with stage("predicting and drawing"), timings.measured("predicting and drawing"):
+    with stage("predicting and drawing") as progress, timings.measured("predicting and drawing"):
         content = ReportContent.gather(
             result,
             searches,
@@ -189,8 +189,11 @@ def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
             title=study.file.title or study.file.name,
             settings=(folder / _STUDY).read_text(),
         )
-        content.draw(folder / "figures")
-        result.to_netcdf(folder / "posterior.nc")
+        steps = [*content.drawings(folder / "figures"), lambda: result.to_netcdf(folder / "posterior.nc")]
+        for done, step in enumerate(steps, start=1):
+            step()
+            if progress is not None:
+                progress(done, len(steps))
     report = write_report(content, folder, timings.seconds)
     return Outcome(result, searches, report)
 
