@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -165,6 +166,24 @@ def test_a_measured_file_of_another_length_or_step(tmp_path):
     np.savetxt(tmp_path / "v.csv", np.column_stack([2 * time, np.sin(time)]), delimiter=",")
     with pytest.raises(si.InputError, match=r"time step of 0.02 s, and the record has 0.01"):
         load(tmp_path / "m.toml")
+
+
+def test_the_report_needs_only_its_folder(tmp_path):
+    """The record and the measurement are kept beside the draws: the folder may move, the originals may go."""
+    source = tmp_path / "source"
+    source.mkdir()
+    record = load_small(tmp_path)
+    record.to_csv(source / "record.csv")
+    np.savetxt(source / "v.csv", np.column_stack([record.time, 1e2 * np.sin(record.time)]), delimiter=",")
+    text = re.sub(r"\[observation.virtual\].*?\[discrepancy\]", "[discrepancy]", SMALL, flags=re.S)
+    text = text.replace('channels = ["velocity"]', 'channels = ["velocity"]\nfile = "v.csv"\nunit = "mm/s"')
+    text = re.sub(r"\[record\].*?\[model\]", '[record]\nfile = "record.csv"\nunit = "m/s^2"\n[model]', text, flags=re.S)
+    text = text.split("[[prediction.records]]")[0].replace('["pattern_search", "interior_point"]', "[]")
+    (source / "m.toml").write_text(text)
+    first = run_study(source / "m.toml", tmp_path / "out").result
+    shutil.rmtree(source)
+    (tmp_path / "out").rename(tmp_path / "moved")
+    np.testing.assert_array_equal(report_again(tmp_path / "moved").result.history, first.history)
 
 
 def load_small(tmp_path):

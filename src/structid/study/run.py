@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,7 +24,7 @@ from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_s
 from structid.report.content import ReportContent
 from structid.report.page import write_report
 from structid.study.build import BuiltStudy, build
-from structid.study.schema import read_study
+from structid.study.schema import StudyFile, parse_study, read_study
 
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""
@@ -32,7 +33,7 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "pattern_search": pattern_search,
     "interior_point": interior_point,
 }
-_STUDY, _IDENTITY, _TIMINGS = "study.toml", "identity.json", "timings.json"
+_STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
 
 
 @contextmanager
@@ -142,7 +143,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
     told = json.loads(identity.read_text())
-    study = build(read_study(folder / _STUDY), Path(told["folder"]))
+    study = build(_with_kept_inputs(folder, told["inputs"]), folder / _INPUTS)
     compare_identity(folder, {"study": told["study"]}, {"study": study.content_hash})
     return _work(study, folder, stage)
 
@@ -166,8 +167,45 @@ def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if path.resolve() != (folder / _STUDY).resolve():
         shutil.copyfile(path, folder / _STUDY)
-    identity = {"study": study.content_hash, "name": study.file.name, "folder": str(study.folder)}
+    inputs = _keep_inputs(study, folder)
+    identity = {"study": study.content_hash, "name": study.file.name, "inputs": inputs}
     write_then_rename(told, json.dumps(identity, indent=2).encode())
+
+
+def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
+    """Copy every file the study reads into its folder, so that the report needs nothing else; old names to new ones."""
+    kept: dict[str, str] = {}
+    for name in dict.fromkeys(_file_names(study.file.model_dump())):
+        kept[name] = f"{len(kept)}/{Path(name).name}"
+        target = folder / _INPUTS / kept[name]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(study.folder / name, target)
+    return kept
+
+
+def _file_names(content: Any) -> Iterator[str]:
+    """Every value of a key ``file``, however deep."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            if key == "file" and isinstance(value, str):
+                yield value
+            else:
+                yield from _file_names(value)
+    elif isinstance(content, (list, tuple)):
+        for value in content:
+            yield from _file_names(value)
+
+
+def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
+    """Read the stored study with its file names turned to the copies."""
+
+    def turned(content: Any) -> Any:
+        if isinstance(content, dict):
+            return {k: inputs[v] if k == "file" and isinstance(v, str) else turned(v) for k, v in content.items()}
+        return [turned(v) for v in content] if isinstance(content, list) else content
+
+    path = folder / _STUDY
+    return parse_study(turned(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))
 
 
 def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
