@@ -16,6 +16,11 @@ from structid.models.shear_frame import STOREY_PARAMETERS
 from structid.units import to_si
 
 
+def _in_unit(unit: str) -> BeforeValidator:
+    """Turn a number, or a text with a unit of the same dimension, into SI."""
+    return BeforeValidator(lambda value: to_si(value, unit))
+
+
 def quantity(unit: str) -> Any:
     """Type of a number in SI, given in a file as a number in SI or as a text with a unit.
 
@@ -29,14 +34,14 @@ def quantity(unit: str) -> Any:
     type
         For a field's annotation.
     """
-    return Annotated[float, BeforeValidator(lambda value: to_si(value, unit))]
+    return Annotated[float, _in_unit(unit)]
 
 
-Seconds = Annotated[float, BeforeValidator(lambda value: to_si(value, "s"))]
-Hertz = Annotated[float, BeforeValidator(lambda value: to_si(value, "Hz"))]
-MetresPerSecond = Annotated[float, BeforeValidator(lambda value: to_si(value, "m/s"))]
-MetresPerSecondSquared = Annotated[float, BeforeValidator(lambda value: to_si(value, "m/s^2"))]
-Fraction = Annotated[float, BeforeValidator(lambda value: to_si(value, ""))]
+Seconds = Annotated[float, _in_unit("s")]
+Hertz = Annotated[float, _in_unit("Hz")]
+MetresPerSecond = Annotated[float, _in_unit("m/s")]
+MetresPerSecondSquared = Annotated[float, _in_unit("m/s^2")]
+Fraction = Annotated[float, _in_unit("")]
 
 
 class Section(BaseModel):
