@@ -1,4 +1,4 @@
-"""The command line: demo, run, check, report, new. It owns the screen; nothing below it prints."""
+"""The command line: demo, run, check, report, runs, serve, new. It owns the screen; nothing below it prints."""
 
 from __future__ import annotations
 
@@ -15,14 +15,18 @@ from rich.console import Console
 from structid.errors import InputError, StructidError
 
 if TYPE_CHECKING:
+    from structid.runs import Runs
     from structid.study.build import BuiltStudy
     from structid.study.run import Outcome
 
 DONE, FAILED, WRONG_INPUT, NOT_CONVERGED = 0, 1, 2, 3
 """Exit codes."""
 
-TEMPLATES = ("bouc_wen", "shear_frame")
+TEMPLATES = ("bouc_wen", "shear_frame", "external")
 """Studies that ship with the package."""
+
+SOLVERS = {"external": "external_solver.py"}
+"""Files a packaged study needs beside it."""
 
 app = typer.Typer(
     add_completion=False,
@@ -65,9 +69,18 @@ def run(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     out: Annotated[Path, typer.Option(help="Folder for everything it makes.")],
     resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in that folder.")] = False,
+    executor: Annotated[
+        str,
+        typer.Option(
+            help="Where an external solver's runs are done: serial, processes, processes:4, tcp://scheduler:8786."
+        ),
+    ] = "serial",
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do again what failed or timed out before; implies --resume.")
+    ] = False,
 ) -> None:
-    """Run a study: deterministic calibration, sampling, prediction, report."""
-    _run(study, out, resume)
+    """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
+    _run(study, out, resume, executor, retry)
 
 
 @app.command()
@@ -93,6 +106,41 @@ def report(folder: Annotated[Path, typer.Argument(help="A folder that structid r
 
 
 @app.command()
+def runs(
+    folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled, or a file of runs.")],
+    failed: Annotated[bool, typer.Option("--failed", help="Show every run that failed, with its parameters.")] = False,
+) -> None:
+    """Say how the true runs of a study stand: counts, failures by reason, rates."""
+    from structid.campaign.store import open_runs
+
+    found = open_runs(folder / "runs.h5" if folder.is_dir() else folder)
+    screen.print(str(found), markup=False, soft_wrap=True)
+    seconds = found.seconds[found.seconds > 0]
+    if seconds.size:
+        median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
+        screen.print(
+            f"  {median:.3g} s a run (median), {longest:.3g} s at most, {seconds.sum() / 3600:.3g} h of solver time in all"
+        )
+    if failed:
+        _list_failed(found)
+
+
+@app.command()
+def serve(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    port: Annotated[int, typer.Option(help="Where to listen.")] = 4242,
+) -> None:
+    """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
+    from structid.models.um_bridge import serve as serve_models
+    from structid.study.run import load
+    from structid.study.serve import offered
+
+    models = offered(load(study))
+    screen.print(f"Serving {', '.join(m.name for m in models)} at http://localhost:{port} (Ctrl-C stops)")
+    serve_models(models, port)
+
+
+@app.command()
 def new(
     name: Annotated[str, typer.Argument(help="Name of the study; NAME.toml is written here.")],
     like: Annotated[
@@ -110,8 +158,17 @@ def new(
         raise InputError(
             f"{path}", f"there is no folder '{path.parent}'", "a name in a folder that exists", "Make the folder first."
         )
+    solver = SOLVERS.get(like)
+    if solver is not None and (path.parent / solver).exists():
+        raise InputError(
+            f"{path.parent / solver}", "it exists already", "a folder without it", "Choose another folder."
+        )
     text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
     path.write_text(text, encoding="utf-8")
+    if solver is not None:
+        packaged = resources.files("structid") / "study" / "templates" / solver
+        (path.parent / solver).write_text(packaged.read_text(encoding="utf-8"), encoding="utf-8")
+        screen.print(f"Wrote {path.parent / solver}, a solver to put yours in place of.")
     screen.print(f"Wrote {path}. Edit it, then: structid check {path}")
 
 
@@ -143,28 +200,30 @@ def stage(name: str) -> Iterator[Any]:
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[failed]}", style="red"),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=screen) as bar:
-        task = bar.add_task(name, total=None, rate="")
+        task = bar.add_task(name, total=None, rate="", failed="")
 
-        def told(done: int, total: int) -> None:
+        def told(done: int, total: int, failed: int = 0) -> None:
             speed = bar.tasks[0].speed
-            bar.update(task, completed=done, total=total, rate=f"{speed:.1f}/s" if speed else "")
+            rate, lost = f"{speed:.1f}/s" if speed else "", f"{failed} failed" if failed else ""
+            bar.update(task, completed=done, total=total, rate=rate, failed=lost)
 
         yield told
         total = bar.tasks[0].total or 1
         bar.update(task, completed=total, total=total)
 
 
-def _run(study: Path, out: Path, resume: bool) -> None:
+def _run(study: Path, out: Path, resume: bool, executor: str = "serial", retry: bool = False) -> None:
     from structid.study.run import run_study
 
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     try:
-        outcome = run_study(study, out, resume, stage)
+        outcome = run_study(study, out, resume, stage, executor, retry)
     except KeyboardInterrupt:
         errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
         raise typer.Exit(FAILED) from None
@@ -172,15 +231,37 @@ def _run(study: Path, out: Path, resume: bool) -> None:
 
 
 def _describe(built: BuiltStudy) -> None:
-    posterior = built.posterior
     screen.print(str(built.record), markup=False)
-    screen.print(str(posterior.model), markup=False)
-    screen.print(repr(posterior.space), markup=False)
+    screen.print(str(built.model), markup=False)
+    screen.print(repr(built.space), markup=False)
+
+
+def _list_failed(found: Runs) -> None:
+    from structid.errors import Status
+
+    factors, units = found.design.space.factors, found.design.space.units.values()
+    for i in range(len(found)):
+        status = Status(found.status[i])
+        if status not in (Status.DONE, Status.PENDING):
+            point = ", ".join(
+                f"{n} {v:.6g}{' ' + u if u else ''}"
+                for n, v, u in zip(found.design.names, found.design.values[i] / factors, units, strict=True)
+            )
+            times = f" (attempt {found.attempts[i]})" if found.attempts[i] > 1 else ""
+            screen.print(
+                f"run {i}{times}: {status.words}: {found.reasons[i]}\n    {point}", markup=False, soft_wrap=True
+            )
 
 
 def _finish(outcome: Outcome) -> None:
     """Say what came out; the exit code says whether to believe it."""
     screen.print()
+    if outcome.runs is not None:
+        screen.print(str(outcome.runs), markup=False, soft_wrap=True)
+        screen.print()
+    if outcome.result is None:
+        screen.print(f"Report: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+        return
     screen.print(str(outcome.result.summary()), markup=False, soft_wrap=True)
     screen.print()
     verdict = outcome.result.verdict()

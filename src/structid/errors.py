@@ -38,6 +38,14 @@ class StoreMismatchError(InputError):
     """A store on disk belongs to another study; it is refused and left as it is."""
 
 
+class StoreError(StructidError):
+    """A store on disk cannot be written; what it holds is safe, and the message says how to go on."""
+
+
+class CampaignStoppedError(StructidError):
+    """A campaign could not go on, for a reason that is no run's own; what is finished is stored."""
+
+
 class ConvergenceError(StructidError):
     """A numerical procedure could not deliver what was asked, and the cause is not the caller's input."""
 
@@ -50,6 +58,11 @@ class Status(IntEnum):
     FAILED = 2
     TIMED_OUT = 3
     PENDING = 4
+
+    @property
+    def words(self) -> str:
+        """As a reader calls it: ``"timed out"``."""
+        return self.name.lower().replace("_", " ")
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -84,6 +84,8 @@ class Histories:
         Time at which a run failed [s], NaN where it did not.
     excitation : str, optional
         Name of the record.
+    reasons : sequence of str, optional
+        Why each run failed, empty where it did not.
     """
 
     values: np.ndarray
@@ -92,6 +94,7 @@ class Histories:
     status: np.ndarray = field(default=None)  # type: ignore[arg-type]
     failure_time: np.ndarray = field(default=None)  # type: ignore[arg-type]
     excitation: str = ""
+    reasons: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=np.float64)
@@ -105,6 +108,7 @@ class Histories:
             ("status", status),
             ("failure_time", times),
             ("channels", tuple(self.channels)),
+            ("reasons", tuple(self.reasons) or ("",) * runs),
         ):
             object.__setattr__(self, name, value)
 
@@ -177,7 +181,7 @@ class Histories:
         Returns
         -------
         xarray.Dataset
-            Variables ``values``, ``status`` and ``failure_time``.
+            Variables ``values``, ``status``, ``failure_time`` and ``reason``.
         """
         import xarray
 
@@ -186,6 +190,7 @@ class Histories:
                 "values": (("run", "time", "channel"), self.values),
                 "status": ("run", self.status),
                 "failure_time": ("run", self.failure_time),
+                "reason": ("run", np.array(self.reasons, dtype=object)),
             },
             coords={"time": self.time, "channel": list(self.channels)},
             attrs={"dt": self.dt, "excitation": self.excitation},

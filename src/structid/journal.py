@@ -73,6 +73,32 @@ class Journal:
                 end = file.tell()
         return end
 
+    @property
+    def size(self) -> int:
+        """Bytes on disk."""
+        return self._end
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Journal:
+        """Open a journal whatever it belongs to, to read it.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        Journal
+            With the identity found in the file.
+        """
+        return cls(path, _identity_of(Path(path)))
+
+    def remove(self) -> None:
+        """Delete the file; the next entry begins a new one."""
+        self.path.unlink(missing_ok=True)
+        self._end = 0
+
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
         """Put one entry on disk; it is safe there when this returns.
 
@@ -106,6 +132,12 @@ class Journal:
                     return
                 with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
                     yield {name: entry[name] for name in entry.files}
+
+
+def _identity_of(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        header = _read_frame(file) if file.read(len(_MAGIC)) == _MAGIC else None
+    return {} if header is None else json.loads(header)
 
 
 def write_then_rename(path: Path, content: bytes) -> None:

@@ -63,8 +63,8 @@ class HostOscillator(Model):
     def __init__(self, inner):
         self._inner, self.free, self.channels = inner, inner.free, inner.channels
 
-    def simulate(self, design, excitation, *, progress=None):
-        return self._inner.simulate(design, excitation, progress=progress)
+    def run(self, theta, excitation, progress=None, map=None):
+        return self._inner.run(theta, excitation, progress, map)
 
     @property
     def content_hash(self):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.signal
@@ -110,6 +110,19 @@ class Excitation:
     def content_hash(self) -> str:
         """Hash of everything a response depends on."""
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give everything but the samples, as JSON can say it.
+
+        Returns
+        -------
+        dict
+            Kind, step, name, interpolation and lead-in.
+        """
+        return {
+            "kind": self.kind, "dt": self.dt, "name": self.name,
+            "interpolation": self.interpolation, "lead_in_periods": self.lead_in_periods,
+        }  # fmt: skip
 
     def stage_values(self, substeps: int) -> np.ndarray:
         """Signal at the start, middle and end of every integration step.

@@ -17,7 +17,7 @@ from structid.histories import CHANNEL_UNITS, base_channel, check_channels
 from structid.inference.discrepancy import IID, Discrepancy
 from structid.inference.target import Target
 from structid.journal import digest
-from structid.models.base import LARGEST_BATCH, JaxModel, Model, Progress
+from structid.models.base import LARGEST_BATCH, JaxModel, Map, Model, Progress
 from structid.probability.marginals import Marginal
 from structid.probability.space import Design, ParameterSpace
 
@@ -232,6 +232,8 @@ class Posterior(Target):
         The measurements; each has its own discrepancy and nuisances, numbered ``_1``, ``_2``, … when there are several.
     discrepancy : Discrepancy
         The law of the difference between model and measurement.
+    map : callable, optional
+        Spreads the runs of an external model, like ``Executor.map``.
 
     Attributes
     ----------
@@ -245,8 +247,9 @@ class Posterior(Target):
         model: Model,
         observations: Observation | Sequence[Observation],
         discrepancy: Discrepancy | None = None,
+        map: Map | None = None,
     ) -> None:
-        self.model_space, self.model = space, model
+        self.model_space, self.model, self.map = space, model, map
         self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
         self.discrepancy = IID() if discrepancy is None else discrepancy
         if not self.observations:
@@ -261,6 +264,21 @@ class Posterior(Target):
         self.space = space.extended(**extra)
         self.names = self.space.names
         self.bijection = self.space.bijection
+
+    def spread(self, map: Map | None) -> Posterior:
+        """Return the same posterior with the runs of an external model spread by `map`.
+
+        Parameters
+        ----------
+        map : callable or None
+            Like ``Executor.map``.
+
+        Returns
+        -------
+        Posterior
+            The same densities.
+        """
+        return Posterior(self.model_space, self.model, self.observations, self.discrepancy, map)
 
     def _label(self, name: str, index: int) -> str:
         return name if len(self.observations) == 1 else f"{name}_{index + 1}"
@@ -437,7 +455,7 @@ class Posterior(Target):
         total, failed = np.zeros(len(theta)), np.zeros(len(theta), dtype=bool)
         parameters = np.asarray(self.model_parameters(theta))
         for index, observation in enumerate(self.observations):
-            run = self.model.simulate(parameters, observation.record)
+            run = self.model.simulate(parameters, observation.record, map=self.map)
             failed |= ~run.done
             response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
             total += np.asarray(self._likelihood_given(response, theta, observation.values, index))
@@ -522,7 +540,8 @@ class Posterior(Target):
         """
         theta = self._points(theta)
         observation = self.observations[index]
-        run = self.model.simulate(np.asarray(self.model_parameters(theta)), observation.record, progress=progress)
+        parameters = np.asarray(self.model_parameters(theta))
+        run = self.model.simulate(parameters, observation.record, progress=progress, map=self.map)
         return np.asarray(self.instrument(run.values.transpose(1, 2, 0), theta, index)).transpose(2, 0, 1)
 
     def pointwise_log_likelihood(self, theta: np.ndarray, index: int = 0) -> np.ndarray:

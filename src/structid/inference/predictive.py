@@ -106,7 +106,7 @@ def predict(
     channels = observation.channels if channels is None else tuple(channels)
     every = tuple(dict.fromkeys((*observation.channels, *channels)))
     model = _recording(posterior.model, every)
-    run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress)
+    run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress, map=posterior.map)
     good = run.done
     response = run.values[good][:, :, [run.channels.index(c) for c in every]]
     unknown = posterior.unknowns(theta[good], index or 0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,9 @@ from structid.probability.space import Design
 
 Progress = Callable[[int, int], None]
 """Told how many runs (or steps) are done, and of how many."""
+
+Map = Callable[..., Iterable[Any]]
+"""Applies a function to every element of a sequence, in order, like ``concurrent.futures.Executor.map``."""
 
 LARGEST_BATCH = 2000
 """Runs compiled and kept in memory at once."""
@@ -30,9 +33,13 @@ class Model(ABC):
     free: tuple[str, ...]
     channels: tuple[str, ...]
 
-    @abstractmethod
     def simulate(
-        self, design: Design | np.ndarray, excitation: Excitation, *, progress: Progress | None = None
+        self,
+        design: Design | np.ndarray,
+        excitation: Excitation | Sequence[Excitation],
+        *,
+        progress: Progress | None = None,
+        map: Map | None = None,
     ) -> Histories:
         """Run the model.
 
@@ -40,16 +47,72 @@ class Model(ABC):
         ----------
         design : Design or array-like, shape (run, parameter)
             Parameters in SI; a bare array has its columns in the order of `free`.
-        excitation : Excitation
-            What drives it.
+        excitation : Excitation or sequence of Excitation
+            What drives it: one for all runs, or one for each run, all of the same step and length.
         progress : callable, optional
             Told how many runs are done.
+        map : callable, optional
+            Spreads the runs of an external model, like ``Executor.map``. Built-in models run in batches and do not need it.
 
         Returns
         -------
         Histories
-            ``values[run, time, channel]`` in SI, and the status of every run.
+            ``values[run, time, channel]`` in SI. A run that fails is a row with a status, the time of failure, a reason,
+            and NaN from there on.
         """
+        theta = self.parameters(design)
+        if len(theta) == 0:
+            raise InputError("simulate", "no runs", "one row of parameters or more")
+        if isinstance(excitation, Excitation):
+            return self.run(theta, excitation, progress, map)
+        return self._run_on_several(theta, _one_for_each_run(excitation, len(theta)), progress, map)
+
+    @abstractmethod
+    def run(
+        self,
+        theta: np.ndarray,
+        excitation: Excitation,
+        progress: Progress | None = None,
+        map: Map | None = None,
+    ) -> Histories:
+        """Run checked parameters on one excitation; what a kind of model implements.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`; one row or more.
+        excitation : Excitation
+            What drives it.
+        progress, map : callable, optional
+            As for `simulate`.
+
+        Returns
+        -------
+        Histories
+            One row a run.
+        """
+
+    def _run_on_several(
+        self, theta: np.ndarray, excitations: list[Excitation], progress: Progress | None, map: Map | None
+    ) -> Histories:
+        hashes = np.array([e.content_hash for e in excitations])
+        rows_of = [np.flatnonzero(hashes == h) for h in dict.fromkeys(hashes)]
+        done, parts = 0, []
+        for rows in rows_of:
+            parts.append(self.run(theta[rows], excitations[rows[0]], None, map))
+            done += len(rows)
+            if progress is not None:
+                progress(done, len(theta))
+        order = np.argsort(np.concatenate(rows_of))
+        return Histories(
+            np.concatenate([p.values for p in parts])[order],
+            parts[0].dt,
+            self.channels,
+            np.concatenate([p.status for p in parts])[order],
+            np.concatenate([p.failure_time for p in parts])[order],
+            ", ".join(p.excitation for p in parts),
+            tuple(np.concatenate([np.array(p.reasons, dtype=object) for p in parts])[order]),
+        )
 
     @property
     @abstractmethod
@@ -146,19 +209,25 @@ class JaxModel(Model):
 
     substeps: int
 
-    def simulate(
-        self, design: Design | np.ndarray, excitation: Excitation, *, progress: Progress | None = None
+    def run(
+        self,
+        theta: np.ndarray,
+        excitation: Excitation,
+        progress: Progress | None = None,
+        map: Map | None = None,
     ) -> Histories:
-        """Run the model, the batch spread over the machine's cores.
+        """Run rows of parameters in batches, spread over the machine's cores.
 
         Parameters
         ----------
-        design : Design or array-like, shape (run, parameter)
-            Parameters in SI; a bare array has its columns in the order of `free`.
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
         excitation : Excitation
             What drives it.
         progress : callable, optional
             Told how many runs are done.
+        map : callable, optional
+            Not used.
 
         Returns
         -------
@@ -166,13 +235,6 @@ class JaxModel(Model):
             ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
             has its time of failure, and NaN from there on.
         """
-        theta = self.parameters(design)
-        if not isinstance(excitation, Excitation):
-            raise InputError(
-                "simulate", f"a {type(excitation).__name__} as the excitation", "a GroundMotion, ForceHistory, …"
-            )
-        if len(theta) == 0:
-            raise InputError("simulate", "no runs", "one row of parameters or more")
         run = self._compiled(excitation)
         stages = excitation.stage_values(self.substeps)
         parts = []
@@ -221,6 +283,26 @@ def response_key(excitation: Excitation) -> tuple[Any, ...]:
     )
 
 
+def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Excitation]:
+    given = list(excitations) if isinstance(excitations, (list, tuple)) else []
+    if not given or not all(isinstance(e, Excitation) for e in given):
+        raise InputError(
+            "simulate",
+            f"a {type(excitations).__name__} as the excitation",
+            "a GroundMotion, ForceHistory, …, or a list of them",
+        )
+    if len(given) != runs:
+        raise InputError("simulate", f"{len(given)} excitations for {runs} runs", "one for all, or one for each run")
+    if len({(len(e), e.dt) for e in given}) > 1:
+        raise InputError(
+            "simulate",
+            "excitations of different steps or lengths",
+            "the same step and length for all",
+            "A Campaign takes any; or resample and trim them.",
+        )
+    return given
+
+
 def _joined(parts: list[np.ndarray]) -> np.ndarray:
     return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
 
@@ -236,4 +318,5 @@ def _with_status(
         values[run, first_bad:] = np.nan
         time[run] = min(first_bad, len(good) - 1) * excitation.dt
     status = np.where(finite, Status.DONE, Status.DIVERGED)
-    return Histories(values, excitation.dt, channels, status, time, excitation.name)
+    reasons = tuple("" if good else f"not finite from {t:g} s on" for good, t in zip(finite, time, strict=True))
+    return Histories(values, excitation.dt, channels, status, time, excitation.name, reasons)

@@ -233,6 +233,42 @@ class Marginal:
             parameters = {"args": repr(self.base.args), "kwds": repr(self.base.kwds)}
         return {"family": self.family, **parameters, "low": self.low, "high": self.high, "unit": self.unit}
 
+    def to_plain(self) -> dict[str, Any]:
+        """Give everything `from_plain` needs, as JSON can say it.
+
+        Returns
+        -------
+        dict
+            The law's name in SciPy with its arguments, and the fields of the marginal.
+        """
+        return {
+            "family": self.family,
+            "scipy": [self.base.dist.name, [float(a) for a in self.base.args], {k: float(v) for k, v in self.base.kwds.items()}],
+            "numpyro": [self.numpyro_name, self.numpyro_parameters],
+            "low": self.low,
+            "high": self.high,
+            "unit": self.unit,
+        }  # fmt: skip
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> Marginal:
+        """Make a marginal again from what `to_plain` said.
+
+        Parameters
+        ----------
+        plain : dict
+            The description.
+
+        Returns
+        -------
+        Marginal
+            The same law.
+        """
+        name, arguments, keywords = plain["scipy"]
+        base = getattr(scipy.stats, name)(*arguments, **keywords)
+        numpyro_name, parameters = plain["numpyro"]
+        return cls(plain["family"], base, numpyro_name, parameters, plain["low"], plain["high"], plain["unit"])
+
     def __str__(self) -> str:
         inside = ", ".join(f"{k} {v:.6g}" for k, v in self.numpyro_parameters.items())
         cut = ""

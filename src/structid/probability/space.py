@@ -181,6 +181,39 @@ class ParameterSpace:
         correlation = [] if self._correlation is None else self._correlation.tolist()
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
 
+    def to_plain(self) -> dict[str, Any]:
+        """Give everything `from_plain` needs, as JSON can say it; a derived parameter that is a function is named only.
+
+        Returns
+        -------
+        dict
+            Marginals, correlation, derived parameters.
+        """
+        return {
+            "marginals": {n: m.to_plain() for n, m in self.marginals.items()},
+            "correlation": None if self._correlation is None else self._correlation.tolist(),
+            "derived": {n: s if isinstance(s, str) else None for n, s in self._derived_source.items()},
+        }
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> ParameterSpace:
+        """Make a space again from what `to_plain` said.
+
+        Parameters
+        ----------
+        plain : dict
+            The description.
+
+        Returns
+        -------
+        ParameterSpace
+            The same space; without derived parameters that are functions, which a file cannot hold.
+        """
+        derived = {n: s for n, s in plain["derived"].items() if s is not None}
+        correlation = None if plain["correlation"] is None else np.array(plain["correlation"])
+        marginals = {n: Marginal.from_plain(m) for n, m in plain["marginals"].items()}
+        return cls(correlation, derived, **marginals)
+
     def extended(self, **marginals: Marginal) -> ParameterSpace:
         """Return this space with further, independent parameters.
 

@@ -13,18 +13,24 @@ import numpy as np
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
-from structid.histories import base_channel, display_unit
+from structid.histories import display_unit
 from structid.inference.identifiability import Identifiability, identifiability
 from structid.inference.posterior import Posterior
 from structid.inference.predictive import Prediction, predict
 from structid.inference.result import SamplingResult
 from structid.models.base import JaxModel
 from structid.models.bouc_wen import BoucWen
+from structid.models.shear_frame import ShearFrame
 from structid.optimize import OptimizeResult
+from structid.runs import Runs
 from structid.units import factor
 
 LOOP_DRAWS = 40
 """Draws whose loops are drawn thin behind the MAP estimate's."""
+RUNS_CAPTION = (
+    "Left: the responses of the design; at each time the bands hold 50 and 90 % of the runs. Right: the design."
+)
+"""What the figure of a campaign shows."""
 _LOOP = ("displacement", "restoring_force", "absorbed_energy")
 
 
@@ -77,6 +83,8 @@ class ReportContent:
         Fisher information at the MAP estimate.
     others : tuple of OtherRecord
         Predictions for other records.
+    runs : Runs or None
+        The study's campaign.
     figures : list of tuple of str
         Section, file name and caption of every figure drawn so far.
     """
@@ -95,6 +103,7 @@ class ReportContent:
     search_loops: dict[str, np.ndarray]
     information: Identifiability | None
     others: tuple[OtherRecord, ...]
+    runs: Runs | None = None
     figures: list[tuple[str, str, str]] = field(default_factory=list)
 
     @property
@@ -116,6 +125,7 @@ class ReportContent:
         prediction_draws: int,
         title: str,
         settings: str,
+        runs: Runs | None = None,
     ) -> ReportContent:
         """Simulate what the report needs.
 
@@ -137,6 +147,8 @@ class ReportContent:
             Draws for the bands.
         title, settings : str
             Title, and the study file's text.
+        runs : Runs, optional
+            The study's campaign.
 
         Returns
         -------
@@ -177,6 +189,7 @@ class ReportContent:
             },
             information=identifiability(posterior, best) if isinstance(posterior.model, JaxModel) else None,
             others=others,
+            runs=runs,
         )
 
     # --- figures ------------------------------------------------------------------------------------------------
@@ -203,6 +216,7 @@ class ReportContent:
             self._draw_convergence,
             self._draw_searches,
             self._draw_others,
+            self._draw_runs,
         )
         return [functools.partial(part, folder) for part in parts]
 
@@ -384,19 +398,16 @@ class ReportContent:
                     save=folder / name,
                 )
 
-
-def _best_response(posterior: Posterior, best: np.ndarray, record: GroundMotion) -> np.ndarray:
-    """Response at the MAP estimate (time, channel); NaN throughout if it diverges there."""
-    response = predict(posterior, best[None], record).response
-    return response[0] if len(response) else np.full((len(record), len(posterior.observations[0].channels)), np.nan)
+    def _draw_runs(self, folder: Path) -> None:
+        if self.runs is not None:
+            self.runs.plot(folder / self._add("true runs", "runs", RUNS_CAPTION))
 
 
 def _loop_channels(model: Any) -> tuple[str, ...] | None:
     if isinstance(model, BoucWen):
         return _LOOP
-    channels = getattr(model, "channels", ())
-    if any(base_channel(c) != c for c in channels):
-        # A frame: the first storey, which carries the base shear.
+    if isinstance(model, ShearFrame):
+        # The first storey, which carries the base shear.
         return ("drift_1", "restoring_force_1", "absorbed_energy_1")
     return None
 

@@ -9,7 +9,8 @@ import jinja2
 
 from structid.journal import write_then_rename
 from structid.report import tables
-from structid.report.content import ReportContent
+from structid.report.content import RUNS_CAPTION, ReportContent
+from structid.runs import Runs
 
 _SECTIONS = {
     "response": "Response",
@@ -17,6 +18,7 @@ _SECTIONS = {
     "deterministic": "Deterministic calibration beside it",
     "other records": "Other records",
     "convergence": "Convergence",
+    "true runs": "True runs",
     "data": "Data",
 }
 
@@ -38,9 +40,6 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
     Path
         The page.
     """
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("structid", "report/templates"), autoescape=True, undefined=jinja2.StrictUndefined
-    )
     verdict = content.result.verdict()
     figures = {
         section: [
@@ -50,7 +49,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         ]
         for section in _SECTIONS
     }
-    page = environment.get_template("report.html").render(
+    page = _template("report.html").render(
         title=content.title,
         verdict=verdict,
         sections=_SECTIONS,
@@ -68,6 +67,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
             "deterministic": [("Minima", tables.deterministic_table(content))] if content.searches else [],
             "other records": [("Peak response", tables.others_table(content))],
             "convergence": [("Diagnostics", tables.convergence_table(content))],
+            "true runs": [("How they ended", tables.runs_table(content.runs))] if content.runs is not None else [],
             "data": [],
         },
         main=tables.posterior_table(content),
@@ -75,6 +75,48 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
     )
     write_then_rename(folder / "report.html", page.encode())
     return folder / "report.html"
+
+
+def write_campaign_report(runs: Runs, title: str, settings: str, folder: Path, timings: dict[str, float]) -> Path:
+    """Write ``report.html`` of a study that has runs and nothing measured.
+
+    Parameters
+    ----------
+    runs : Runs
+        The campaign's.
+    title, settings : str
+        Title, and the study file's text.
+    folder : Path
+        Where the page goes.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    runs.plot(folder / "figures" / "runs")
+    records = ", ".join(r.name for r in runs.records)
+    page = _template("campaign.html").render(
+        title=title,
+        sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
+        runs=runs,
+        ended=tables.runs_table(runs),
+        overview=("runs", RUNS_CAPTION, _embedded(folder / "figures" / "runs.png")),
+        settings=settings,
+        run=tables.versions_table(timings),
+    )
+    write_then_rename(folder / "report.html", page.encode())
+    return folder / "report.html"
+
+
+def _template(name: str) -> jinja2.Template:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("structid", "report/templates"), autoescape=True, undefined=jinja2.StrictUndefined
+    )
+    return environment.get_template(name)
 
 
 def _embedded(path: Path) -> str:

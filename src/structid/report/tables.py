@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.figures.style import pretty, pretty_unit
 from structid.report.content import ReportContent
+from structid.runs import Runs
 from structid.units import label
 
 Table = tuple[list[str], list[list[str]]]
@@ -202,6 +203,25 @@ def run_table(content: ReportContent, timings: dict[str, float]) -> Table:
             f"{sampler.differential_evolution:.0%} differential-evolution moves, seed {result.seed}",
         ],
         ["model runs in sampling", f"{steps * ensembles * walkers:,}"],
+    ]
+    heads, versions = versions_table(timings)
+    return heads, rows + versions
+
+
+def versions_table(timings: dict[str, float]) -> Table:
+    """Times, versions and machine.
+
+    Parameters
+    ----------
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    rows = [
         *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
         [
             "versions",
@@ -210,6 +230,30 @@ def run_table(content: ReportContent, timings: dict[str, float]) -> Table:
         ["machine", f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"],
     ]
     return ["what", "value"], rows
+
+
+def runs_table(runs: Runs) -> Table:
+    """How the runs of a campaign ended, what they cost, and why some failed.
+
+    Parameters
+    ----------
+    runs : Runs
+        The campaign's.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    rows = [[status.words, f"{count}", ""] for status, count in runs.counts.items() if count]
+    seconds = runs.seconds[np.isfinite(runs.seconds) & (runs.seconds > 0)]
+    if seconds.size:
+        rows.append(["wall time of a run", f"{np.median(seconds):.3g} s", f"median; {seconds.max():.3g} s at most"])
+    again = int((runs.attempts > 1).sum())
+    if again:
+        rows.append(["tried more than once", f"{again}", ""])
+    rows += [["reason", f"{count}", reason] for reason, count in runs.failures[:20]]
+    return ["what", "runs", ""], rows
 
 
 def others_table(content: ReportContent) -> Table | None:

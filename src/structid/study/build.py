@@ -1,4 +1,4 @@
-"""From the words of a study file to records, model, space and posterior."""
+"""From the words of a study file to records, model, space, campaign and posterior."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ from structid.inference.discrepancy import IID
 from structid.inference.ensemble import AIES
 from structid.inference.posterior import Observation, Posterior
 from structid.journal import digest
-from structid.models.base import JaxModel
+from structid.models.base import JaxModel, Model
 from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
 from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
 from structid.optimize.region import region
 from structid.probability import marginals
 from structid.probability.expressions import parse_expression
 from structid.probability.marginals import Marginal
-from structid.probability.space import ParameterSpace
+from structid.probability.space import Design, ParameterSpace
+from structid.study.external import external_model
 from structid.study.schema import (
+    ExternalSection,
     ObservationSection,
     PriorSection,
     RecordSection,
@@ -58,8 +60,16 @@ class BuiltStudy:
         Where its relative paths start.
     raw_record, record : GroundMotion
         The study's record as read, and after processing.
-    posterior : Posterior
-        Of the model's parameters and the discrepancy's.
+    space : ParameterSpace
+        The model's unknown parameters.
+    model : Model
+        The model.
+    campaign : Design or None
+        Points of the true runs, if the study asks for them.
+    campaign_records : tuple of GroundMotion
+        What drives them, dealt out in turn.
+    posterior : Posterior or None
+        Of the model's parameters and the discrepancy's; None for a study without an observation.
     sampler : AIES
         Its settings.
     truths : tuple
@@ -72,20 +82,48 @@ class BuiltStudy:
     folder: Path
     raw_record: GroundMotion
     record: GroundMotion
-    posterior: Posterior
+    space: ParameterSpace
+    model: Model
+    campaign: Design | None
+    campaign_records: tuple[GroundMotion, ...]
+    posterior: Posterior | None
     sampler: AIES
     truths: tuple[JaxModel | None, ...]
     other_records: tuple[GroundMotion, ...]
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything the draws depend on."""
-        return digest(self.posterior.content_hash, self.sampler.describe(), self.file.seed)
+        """Hash of everything the runs and the draws depend on."""
+        posterior = [] if self.posterior is None else [self.posterior.content_hash, self.sampler.describe()]
+        campaign = []
+        if self.campaign is not None:
+            records = [r.content_hash for r in self.campaign_records]
+            campaign = [self.model.content_hash, self.space.content_hash, records]
+        return digest(posterior, campaign, self.file.seed)
+
+    @property
+    def sampled(self) -> Posterior:
+        """The posterior of a study that has an observation."""
+        assert self.posterior is not None
+        return self.posterior
+
+    @property
+    def search_methods(self) -> tuple[str, ...]:
+        """The deterministic searches: both for a built-in model unless the file says otherwise, none for an external one."""
+        methods = self.file.deterministic.methods
+        if methods is None:
+            return ("pattern_search", "interior_point") if isinstance(self.model, JaxModel) else ()
+        if "interior_point" in methods and not isinstance(self.model, JaxModel):
+            raise InputError(
+                "key 'deterministic.methods'", "'interior_point' for an external model, which has no derivatives",
+                "['pattern_search'] or []", "Pattern search needs none, but hundreds of runs.",
+            )  # fmt: skip
+        return methods
 
     @property
     def search_bounds(self) -> dict[str, tuple[float, float]] | None:
         """Bounds of the deterministic searches in SI, None for the priors' supports."""
-        space = self.posterior.model_space
+        space = self.space
         bounds = {}
         for name, (low, high) in self.file.deterministic.bounds.items():
             key = f"key 'deterministic.bounds.{name}'"
@@ -97,14 +135,14 @@ class BuiltStudy:
     @property
     def true_values(self) -> dict[str, float]:
         """True values of the sampled parameters in a virtual experiment, in SI, where the two models share a name."""
-        truth = self.truths[0]
+        truth = self.truths[0] if self.truths else None
         if truth is None:
             return {}
-        values = {n: getattr(truth, n, None) for n in self.posterior.model_space.names}
+        values = {n: getattr(truth, n, None) for n in self.space.names}
         return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}
 
 
-def build(file: StudyFile, folder: Path) -> BuiltStudy:
+def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> BuiltStudy:
     """Build a study.
 
     Parameters
@@ -113,6 +151,8 @@ def build(file: StudyFile, folder: Path) -> BuiltStudy:
         The checked file.
     folder : Path
         Where relative paths start.
+    solver_folder : Path, optional
+        Where those of an external solver start, if not there.
 
     Returns
     -------
@@ -127,21 +167,28 @@ def build(file: StudyFile, folder: Path) -> BuiltStudy:
     raw = _read_record(file.record, folder, "record")
     record = _process(raw, file.record, "record")
     space = _space(file)
-    channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
-    model = _model(file.model, space, file.derived, channels)
+    wanted = file.campaign.channels if file.campaign is not None else ()
+    channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))
+    model = _model(file.model, space, file.derived, channels or ("velocity",), solver_folder or folder)
     observations, truths = [], []
     for index, section in enumerate(file.observation):
         where = "observation" if len(file.observation) == 1 else f"observation.{index}"
         own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
-        observation, truth = _observation(section, own, folder, where, file.seed + index, file.model.type)
+        observation, truth = _observation(section, own, folder, where, file.seed + index)
         observations.append(observation)
         truths.append(truth)
-    posterior = Posterior(space, model, observations, _discrepancy(file, channels))
+    posterior = None
+    if observations:
+        measured = tuple(dict.fromkeys(c for o in observations for c in o.channels))
+        posterior = Posterior(space, model, observations, _discrepancy(file, measured))
     settings = file.sampler.model_dump(exclude={"kind"})
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
     if settings["settling_steps"] is None:
         settings["settling_steps"] = min(500, int(settings["discard"] * settings["steps"]))
-    study = BuiltStudy(file, folder, raw, record, posterior, _sampler(settings), tuple(truths), others)
+    study = BuiltStudy(
+        file, folder, raw, record, space, model, *_campaign(file, folder, space, record), posterior, _sampler(settings),
+        tuple(truths), others,
+    )  # fmt: skip
     _check_before_anything_is_written(study)
     return study
 
@@ -156,12 +203,34 @@ def _sampler(settings: dict[str, Any]) -> AIES:
 
 def _check_before_anything_is_written(study: BuiltStudy) -> None:
     """What the sampler and the searches would refuse, said before a folder is taken."""
+    if study.posterior is None and study.campaign is None:
+        raise InputError(
+            "the file",
+            "neither an [observation] nor a [campaign]",
+            "one of them, or both",
+            "Say what to calibrate, or what to run.",
+        )
+    if study.posterior is None:
+        return
     dimension = study.posterior.dimension
     if study.sampler.walkers < 2 * dimension:
         raise InputError(
             "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"
         )
-    region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
+    if study.search_methods:
+        region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
+
+
+def _campaign(
+    file: StudyFile, folder: Path, space: ParameterSpace, record: GroundMotion
+) -> tuple[Design | None, tuple[GroundMotion, ...]]:
+    """Draw the design of true runs, and read the records that drive them."""
+    section = file.campaign
+    if section is None:
+        return None, ()
+    seed = file.seed if section.seed is None else section.seed
+    further = [load_record(r, folder, f"campaign.records.{i}") for i, r in enumerate(section.records)]
+    return space.sample(section.runs, seed, section.method), (record, *further)
 
 
 # --- records --------------------------------------------------------------------------------------------------------
@@ -275,8 +344,12 @@ def _parameter_unit(name: str, file: StudyFile) -> str | None:
 # --- model ----------------------------------------------------------------------------------------------------------
 
 
-def _model(section: Any, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...]) -> JaxModel:
+def _model(
+    section: Any, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...], folder: Path
+) -> Model:
     """Build the model with every parameter it knows and the space has as free."""
+    if isinstance(section, ExternalSection):
+        return external_model(section, space, folder)
     given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
     known = set(PARAMETER_UNITS) if section.type == "bouc_wen" else _frame_parameters(section.storeys)
     free = tuple(n for n in space.all_names if n in known)
@@ -316,7 +389,7 @@ def _frame_parameters(storeys: int) -> set[str]:
 
 
 def _observation(
-    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, kind: str
+    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int
 ) -> tuple[Observation, JaxModel | None]:
     if (section.file is None) == (section.virtual is None):
         came = "neither file nor virtual" if section.file is None else "both file and virtual"

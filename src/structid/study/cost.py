@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structid.models.base import JaxModel
 from structid.study.build import BuiltStudy
 
 
@@ -16,25 +17,41 @@ class Cost:
 
     Parameters
     ----------
-    runs : int
-        Model runs in sampling.
-    seconds_per_batch, batch : float and int
-        One batched call of the posterior.
-    seconds : float
-        Expected time of the sampling.
+    true_runs, sampling_runs : int
+        Model runs of the campaign, and in sampling.
+    batch : int
+        Runs done together; 1 for an external model.
+    seconds_per_run : float
+        Time of one run.
     """
 
-    runs: int
-    seconds_per_batch: float
+    true_runs: int
+    sampling_runs: int
     batch: int
-    seconds: float
+    seconds_per_run: float
 
     def __str__(self) -> str:
-        each = 1e3 * self.seconds_per_batch / self.batch
-        return (
-            f"Sampling: {self.runs:,} model runs in batches of {self.batch}, {each:.3g} ms a run: about {self.seconds:.0f} s "
-            "on this machine, with the deterministic searches and the report beside it."
-        )
+        together = f"in batches of {self.batch}, " if self.batch > 1 else "one after another, "
+        lines = []
+        for what, runs in (("Campaign", self.true_runs), ("Sampling", self.sampling_runs)):
+            if runs:
+                each, total = 1e3 * self.seconds_per_run, _duration(runs * self.seconds_per_run)
+                lines.append(
+                    f"{what}: {runs:,} model runs {together}{each:.3g} ms a run: about {total} on this machine"
+                )
+        if self.batch == 1:
+            lines.append(
+                "With --executor the runs of an external model are shared out: divide by the number of workers."
+            )
+        return "\n".join(lines)
+
+
+def _duration(seconds: float) -> str:
+    """A duration in the unit a person would use."""
+    for size, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "min")):
+        if seconds >= 2 * size:
+            return f"{seconds / size:.0f} {unit}"
+    return f"{seconds:.0f} s"
 
 
 def estimate(study: BuiltStudy) -> Cost:
@@ -50,15 +67,24 @@ def estimate(study: BuiltStudy) -> Cost:
     Cost
         What sampling will take.
     """
-    sampler = study.sampler
-    batch = sampler.ensembles * sampler.walkers // 2
-    phi = study.posterior.initial(batch, np.random.default_rng(0))
-    study.posterior.evaluate(phi)  # compilation
+    true_runs = 0 if study.campaign is None else len(study.campaign)
+    sampling_runs = (
+        0 if study.posterior is None else study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
+    )
+    if isinstance(study.model, JaxModel):
+        batch = study.sampler.ensembles * study.sampler.walkers // 2
+        each = _median_time(study, batch, repeats=6)[1:]
+    else:
+        batch, each = 1, _median_time(study, 1, repeats=4)[1:]  # the first starts a process
+    return Cost(true_runs, sampling_runs, batch, float(np.median(each)))
+
+
+def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
+    """Seconds of a run of a batch from the prior, each time; the first may hold a compilation."""
+    theta = study.model.parameters(study.space.sample(batch, seed=study.file.seed))
     seconds = []
-    for _ in range(5):
+    for _ in range(repeats):
         began = time.perf_counter()
-        study.posterior.evaluate(phi)
-        seconds.append(time.perf_counter() - began)
-    each = float(np.median(seconds))
-    runs = sampler.steps * sampler.ensembles * sampler.walkers
-    return Cost(runs, each, batch, each * 2 * sampler.steps)
+        study.model.simulate(theta, study.record)
+        seconds.append((time.perf_counter() - began) / batch)
+    return seconds

@@ -7,22 +7,26 @@ import shutil
 import time
 import tomllib
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from structid.campaign.executors import mapping
+from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult
 from structid.inference.sampling import sample
 from structid.journal import compare_identity, write_then_rename
-from structid.models.base import Progress
+from structid.models.base import JaxModel, Progress
+from structid.models.program import ProgramModel
 from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
 from structid.report.content import ReportContent
-from structid.report.page import write_report
+from structid.report.page import write_campaign_report, write_report
+from structid.runs import Runs
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
 
@@ -34,6 +38,7 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "interior_point": interior_point,
 }
 _STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
+_CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
 
 
 @contextmanager
@@ -54,17 +59,20 @@ class Outcome:
 
     Parameters
     ----------
-    result : SamplingResult
-        Draws and verdict.
+    result : SamplingResult or None
+        Draws and verdict; None for a study without an observation.
     searches : dict of str to OptimizeResult
         Deterministic calibrations by method.
     report : Path
         The page.
+    runs : Runs or None
+        The campaign's.
     """
 
-    result: SamplingResult
+    result: SamplingResult | None
     searches: dict[str, OptimizeResult]
     report: Path
+    runs: Runs | None = None
 
 
 def load(path: str | Path) -> BuiltStudy:
@@ -83,7 +91,14 @@ def load(path: str | Path) -> BuiltStudy:
     return build(read_study(path), Path(path).resolve().parent)
 
 
-def run_study(path: str | Path, out: str | Path, resume: bool = False, stage: Stage = silent) -> Outcome:
+def run_study(
+    path: str | Path,
+    out: str | Path,
+    resume: bool = False,
+    stage: Stage = silent,
+    executor: Any = None,
+    retry: bool = False,
+) -> Outcome:
     """Run a study.
 
     Parameters
@@ -96,11 +111,15 @@ def run_study(path: str | Path, out: str | Path, resume: bool = False, stage: St
         Go on with what is in that folder.
     stage : callable
         Opens a progress bar for a named stage.
+    executor : None, str or object
+        Where the runs of an external model are done; see `Campaign.run`.
+    retry : bool
+        Do runs of the campaign again that failed before.
 
     Returns
     -------
     Outcome
-        Result, searches, report.
+        Result, searches, report, runs.
 
     Raises
     ------
@@ -109,8 +128,8 @@ def run_study(path: str | Path, out: str | Path, resume: bool = False, stage: St
     """
     study = load(path)
     folder = Path(out)
-    _claim(folder, study, Path(path), resume)
-    return _work(study, folder, stage)
+    _claim(folder, study, Path(path), resume or retry)
+    return _work(study, folder, stage, executor, retry)
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
@@ -135,7 +154,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     """
     folder = Path(folder)
     identity = folder / _IDENTITY
-    if not identity.is_file() or not (folder / "chains.h5").is_file():
+    if not identity.is_file() or not any((folder / name).is_file() for name in (_CHAINS, _RUNS)):
         raise InputError(
             f"{folder}",
             "it holds no finished study",
@@ -143,7 +162,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
     told = json.loads(identity.read_text())
-    study = build(_with_kept_inputs(folder, told["inputs"]), folder / _INPUTS)
+    study = build(_with_kept_inputs(folder, told["inputs"]), folder / _INPUTS, Path(told["folder"]))
     compare_identity(folder, {"study": told["study"]}, {"study": study.content_hash})
     return _work(study, folder, stage)
 
@@ -168,14 +187,16 @@ def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool) -> None:
     if path.resolve() != (folder / _STUDY).resolve():
         shutil.copyfile(path, folder / _STUDY)
     inputs = _keep_inputs(study, folder)
-    identity = {"study": study.content_hash, "name": study.file.name, "inputs": inputs}
+    identity = {
+        "study": study.content_hash, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
+    }  # fmt: skip
     write_then_rename(told, json.dumps(identity, indent=2).encode())
 
 
 def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
     """Copy every file the study reads into its folder, so that the report needs nothing else; old names to new ones."""
     kept: dict[str, str] = {}
-    for name in dict.fromkeys(_file_names(study.file.model_dump())):
+    for name in dict.fromkeys(_file_names(study.file.model_dump(exclude={"model"}))):
         kept[name] = f"{len(kept)}/{Path(name).name}"
         target = folder / _INPUTS / kept[name]
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -208,11 +229,38 @@ def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
     return parse_study(turned(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))
 
 
-def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
+def _work(study: BuiltStudy, folder: Path, stage: Stage, executor: Any = None, retry: bool = False) -> Outcome:
     timings = _Timings(folder / _TIMINGS)
+    if isinstance(study.model, ProgramModel):
+        study.model.scratch = folder.resolve() / _SCRATCH
+    runs = _campaign(study, folder, stage, timings, executor, retry)
+    if study.posterior is None:
+        assert runs is not None
+        settings = (folder / _STUDY).read_text(encoding="utf-8")
+        page = write_campaign_report(runs, study.file.title or study.file.name, settings, folder, timings.seconds)
+        return Outcome(None, {}, page, runs)
+    # Only an external model's runs are spread: a built-in one runs in batches.
+    with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
+        return _calibration(replace(study, posterior=study.posterior.spread(spread)), folder, stage, timings, runs)
+
+
+def _campaign(
+    study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, executor: Any, retry: bool
+) -> Runs | None:
+    """Do the true runs the study asks for, or read them back."""
+    if study.campaign is None:
+        return None
+    assert study.file.campaign is not None
+    assignment = "cycle" if len(study.campaign_records) > 1 else None
+    campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment)
+    with stage("true runs") as progress, timings.measured("true runs"):
+        return campaign.run(executor, retry=retry, attempts=study.file.campaign.attempts, progress=progress)
+
+
+def _calibration(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None) -> Outcome:
     searches = _deterministic(study, folder, stage, timings)
     with stage("sampling") as progress, timings.measured("sampling"):
-        result = sample(study.posterior, study.sampler, study.file.seed, folder / "chains.h5", progress=progress)
+        result = sample(study.sampled, study.sampler, study.file.seed, folder / _CHAINS, progress=progress)
     timings.put("sampling", result.seconds)
     with stage("predicting and drawing") as progress, timings.measured("predicting and drawing"):
         content = ReportContent.gather(
@@ -225,7 +273,8 @@ def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
             other_records=study.other_records,
             prediction_draws=study.file.prediction.draws,
             title=study.file.title or study.file.name,
-            settings=(folder / _STUDY).read_text(),
+            settings=(folder / _STUDY).read_text(encoding="utf-8"),
+            runs=runs,
         )
         steps = [*content.drawings(folder / "figures"), lambda: result.to_netcdf(folder / "posterior.nc")]
         for done, step in enumerate(steps, start=1):
@@ -233,7 +282,7 @@ def _work(study: BuiltStudy, folder: Path, stage: Stage) -> Outcome:
             if progress is not None:
                 progress(done, len(steps))
     report = write_report(content, folder, timings.seconds)
-    return Outcome(result, searches, report)
+    return Outcome(result, searches, report, runs)
 
 
 class _Timings:
@@ -258,16 +307,16 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
     """Run or read back the deterministic calibrations."""
     section = study.file.deterministic
     found: dict[str, OptimizeResult] = {}
-    for method in section.methods:
+    for method in study.search_methods:
         stored = folder / f"{method}.json"
         name = method.replace("_", " ")
         settings = section.model_dump(mode="json")
         if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
-            found[name] = _read_search(stored, study.posterior)
+            found[name] = _read_search(stored, study.sampled)
             continue
         with stage(name) as progress, timings.measured(name):
             found[name] = _SEARCHES[method](
-                study.posterior.misfit,
+                study.sampled.misfit,
                 bounds=study.search_bounds,
                 constraints=section.constraints,
                 starts=section.starts,

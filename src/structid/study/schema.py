@@ -151,7 +151,61 @@ class ShearFrameSection(_FrameParameters):  # type: ignore[valid-type, misc]
     _shapes = model_validator(mode="before")(_plain_shapes)
 
 
-ModelSection = Annotated[Union[BoucWenSection, ShearFrameSection], Field(discriminator="type")]  # noqa: UP007
+class ExternalSection(Section):
+    """What the models of other people's solvers share."""
+
+    channels: tuple[str, ...]
+    parameters: tuple[str, ...] | None = None
+    time_limit: Annotated[Seconds, Field(gt=0)] | None = None
+
+
+class PythonSection(ExternalSection):
+    """A Python function in a file beside the study; see `CallableModel`."""
+
+    type: Literal["python"]
+    source: str
+    function: str = "respond"
+
+
+class OutputSection(Section):
+    """Where a program leaves its histories; see `OutputFile`."""
+
+    path: str
+    columns: dict[str, int | str] = Field(min_length=1)
+    units: dict[str, str] = {}
+    time: int | str | None = None
+
+
+class ProgramSection(ExternalSection):
+    """A program; see `ProgramModel`."""
+
+    type: Literal["program"]
+    channels: tuple[str, ...] = ()
+    command: str
+    output: OutputSection
+    templates: dict[str, str] = {}
+    record_file: str | None = None
+    constants: dict[str, float | str] = {}
+    copies: tuple[str, ...] = ()
+    keep: Literal["failed", "all", "none"] = "failed"
+    environment: dict[str, str] = {}
+
+
+class UMBridgeSection(ExternalSection):
+    """A model served over HTTP; see `UMBridgeModel`."""
+
+    type: Literal["umbridge"]
+    url: str
+    model: str = "forward"
+    config: dict[str, Any] = {}
+    send_record: bool = False
+
+
+BuiltInSection = Annotated[Union[BoucWenSection, ShearFrameSection], Field(discriminator="type")]  # noqa: UP007
+ModelSection = Annotated[
+    Union[BoucWenSection, ShearFrameSection, PythonSection, ProgramSection, UMBridgeSection],  # noqa: UP007
+    Field(discriminator="type"),
+]
 
 
 class VirtualSection(Section):
@@ -159,7 +213,7 @@ class VirtualSection(Section):
 
     noise: Annotated[Fraction, Field(ge=0)] = 0.0
     seed: int | None = Field(default=None, ge=0)
-    model: ModelSection
+    model: BuiltInSection
 
 
 class ObservationSection(Section):
@@ -202,10 +256,21 @@ class SamplerSection(Section):
 class DeterministicSection(Section):
     """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
 
-    methods: tuple[Literal["pattern_search", "interior_point"], ...] = ("pattern_search", "interior_point")
+    methods: tuple[Literal["pattern_search", "interior_point"], ...] | None = None
     starts: int = Field(default=10, ge=1)
     constraints: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | str, float | str]] = {}
+
+
+class CampaignSection(Section):
+    """A design of true runs, stored; see `Campaign`."""
+
+    runs: int = Field(ge=1)
+    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "latin_hypercube"
+    seed: int | None = Field(default=None, ge=0)
+    channels: tuple[str, ...] = ()
+    attempts: int = Field(default=1, ge=1)
+    records: tuple[RecordSection, ...] = ()
 
 
 class PredictionSection(Section):
@@ -228,7 +293,8 @@ class StudyFile(Section):
     correlation: dict[str, float] = {}
     observation: Annotated[
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
-    ]
+    ] = ()
+    campaign: CampaignSection | None = None
     discrepancy: DiscrepancySection = DiscrepancySection()
     sampler: SamplerSection = SamplerSection()
     deterministic: DeterministicSection = DeterministicSection()
@@ -311,7 +377,7 @@ def parse_study(content: dict[str, Any], path: str = "study") -> StudyFile:
         raise StudyErrors(path, list(problems)) from None
 
 
-_VARIANTS = {"bouc_wen", "shear_frame", "float", "str", "PriorSection", "int"}
+_VARIANTS = {"bouc_wen", "shear_frame", "python", "program", "umbridge", "float", "str", "PriorSection", "int"}
 """Steps of pydantic's locations that name a variant of a type, not a key."""
 
 
@@ -336,7 +402,7 @@ def _problem(error: Any, content: dict[str, Any]) -> str:
             expected = error["ctx"].get("expected") or error["ctx"].get("expected_tags")
             return f"key '{key}': {error['input']!r}. Allowed: {expected}."
         case "union_tag_not_found":
-            return f"key '{key}.type': it is missing. Allowed: 'bouc_wen' or 'shear_frame'."
+            return f"key '{key}.type': it is missing. Allowed: 'bouc_wen', 'shear_frame', 'python', 'program' or 'umbridge'."
         case _:
             return f"key '{key}': {error['input']!r}. {error['msg']}."
 

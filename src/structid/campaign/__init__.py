@@ -1,0 +1,1 @@
+"""Campaigns of true runs: a crash-safe store, executors, and the loop between them."""

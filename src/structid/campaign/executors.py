@@ -1,0 +1,278 @@
+"""Where runs are done: here, in local processes, on any executor of `concurrent.futures`, on a Dask cluster; all with one face."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ThreadPoolExecutor
+from typing import Any
+
+from structid.errors import CampaignStoppedError, InputError
+from structid.models import external
+from structid.models.watchdog import Watchdog
+
+CONNECTION_LIMIT = 8.0
+"""Seconds a scheduler may take to answer."""
+
+ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concurrent.futures.Executor or a dask Client"
+
+
+class LostWorkerError(Exception):
+    """A worker died with the run; the run is not to blame, or not yet."""
+
+
+class Pool:
+    """Runs in flight on an executor: their number is bounded, and they come back as they finish.
+
+    Parameters
+    ----------
+    executor : object
+        Has ``submit``; its futures have ``add_done_callback``, ``result`` and ``cancel``.
+    workers : callable
+        How many runs it can do at once, now.
+    release : callable
+        Called at the end with whether to abort what is running.
+    check : callable
+        Called while nothing comes back; raises when nothing ever will.
+    options : dict
+        For ``submit``.
+    """
+
+    def __init__(
+        self,
+        executor: Any,
+        workers: Callable[[], int],
+        release: Callable[[bool], None] = lambda abort: None,
+        check: Callable[[], None] = lambda: None,
+        options: dict[str, Any] | None = None,
+    ) -> None:
+        self._executor, self._workers, self._release, self._check = executor, workers, release, check
+        self._options = options or {}
+        self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._tickets: dict[Any, Any] = {}
+
+    @property
+    def room(self) -> int:
+        """How many more runs may be submitted: two for each worker are in flight at most, so that none waits for work."""
+        return 2 * max(self._workers(), 1) - len(self._tickets)
+
+    @property
+    def busy(self) -> bool:
+        """Whether anything is in flight."""
+        return bool(self._tickets)
+
+    def submit(self, ticket: Any, function: Callable[..., Any], *arguments: Any) -> None:
+        """Hand a run over.
+
+        Parameters
+        ----------
+        ticket : Any
+            Comes back with the result.
+        function : callable
+            To be called there.
+        *arguments
+            Its arguments.
+        """
+        try:
+            future = self._executor.submit(function, *arguments, **self._options)
+        except (BrokenExecutor, RuntimeError) as problem:
+            raise CampaignStoppedError(f"the executor takes no more runs ({problem})") from problem
+        self._tickets[future] = ticket
+        future.add_done_callback(self._finished.put)
+
+    def finished(self) -> Iterator[tuple[Any, Any]]:
+        """Wait for a run to finish; take all that have.
+
+        Yields
+        ------
+        tuple of ticket and result
+            The result is an exception `LostWorkerError` where a worker died.
+
+        Raises
+        ------
+        CampaignStoppedError
+            If the executor can do no more.
+        """
+        futures = [self._next()]
+        with contextlib.suppress(queue.Empty):
+            while True:
+                futures.append(self._finished.get_nowait())
+        for future in futures:
+            ticket = self._tickets.pop(future, None)
+            if ticket is not None:
+                yield ticket, _result_of(future)
+
+    def _next(self) -> Any:
+        while True:
+            try:
+                return self._finished.get(timeout=1.0)
+            except queue.Empty:
+                self._check()
+
+    def close(self, abort: bool = False) -> None:
+        """Let go of the executor.
+
+        Parameters
+        ----------
+        abort : bool
+            Cancel what is in flight instead of having waited for it.
+        """
+        if abort:
+            for future in self._tickets:
+                with contextlib.suppress(Exception):
+                    future.cancel()
+        self._release(abort)
+
+
+def _result_of(future: Any) -> Any:
+    try:
+        return future.result()
+    except (BrokenExecutor, CancelledError) as problem:
+        raise CampaignStoppedError(f"the executor broke down: {type(problem).__name__} {problem}".rstrip()) from problem
+    except Exception as problem:
+        # By name, so that distributed need not be there.
+        if type(problem).__name__ == "KilledWorker":
+            return LostWorkerError(str(problem).split("\n")[0])
+        if "Cancelled" in type(problem).__name__ or "CommClosed" in type(problem).__name__:
+            raise CampaignStoppedError(f"the scheduler was lost: {problem}") from problem
+        raise CampaignStoppedError(
+            f"a worker could not even begin a run: {type(problem).__name__}: {problem}. "
+            "Has it the same structid and Python as here?"
+        ) from problem
+
+
+def open_pool(executor: Any) -> Pool:
+    """Make a pool of whatever was given as an executor.
+
+    Parameters
+    ----------
+    executor : None, str, concurrent.futures.Executor or distributed.Client
+        ``None`` and ``"serial"``: one run after another; ``"processes"``: one local process for each core, ``"processes:4"`` four;
+        ``"tcp://host:8786"``: a Dask scheduler. What is given as an object stays the caller's, who closes it.
+
+    Returns
+    -------
+    Pool
+        To be closed.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or no scheduler answers.
+    """
+    if executor is None or executor == "serial":
+        return _local(1)
+    if isinstance(executor, str):
+        kind, _, rest = executor.partition(":")
+        if kind == "processes" and (not rest or (rest.isdigit() and int(rest) > 0)):
+            return _local(int(rest) if rest else available_cores())
+        if "://" in executor:
+            client = _connected(executor)
+            return _dask(client, executor, lambda abort: client.close(timeout=2))
+    elif isinstance(executor, Executor):
+        workers = int(getattr(executor, "_max_workers", 0) or available_cores())
+        return Pool(executor, lambda: workers)
+    elif hasattr(executor, "scheduler_info") and hasattr(executor, "submit"):
+        return _dask(executor, str(executor.scheduler.address), lambda abort: None)
+    raise InputError("executor", f"{executor!r}", ALLOWED)
+
+
+def available_cores() -> int:
+    """Count the cores this process may use.
+
+    Returns
+    -------
+    int
+        How many.
+    """
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _local(workers: int) -> Pool:
+    """Threads, each the owner of a child process that does its runs."""
+    guards: list[Watchdog] = []
+    threads = ThreadPoolExecutor(
+        workers, "structid-run", initializer=lambda: guards.append(external.guard_of_this_thread())
+    )
+
+    def release(abort: bool) -> None:
+        if abort:
+            threads.shutdown(wait=False, cancel_futures=True)
+            for guard in guards:  # a thread that waits for its child then sees it die
+                guard.kill()
+        threads.shutdown(wait=True)
+        for guard in guards:
+            guard.close()
+
+    return Pool(threads, lambda: workers, release)
+
+
+def _connected(address: str) -> Any:
+    import logging
+
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            f"executor '{address}'", "Dask is not installed here", "the extra 'dask'", "pip install 'structid[dask]'."
+        ) from None
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what there is to say is said below, in one line
+    try:
+        return Client(address, timeout=CONNECTION_LIMIT, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as problem:
+        raise InputError(
+            f"executor '{address}'", f"no Dask scheduler answers there ({type(problem).__name__})",
+            "the address of a running scheduler", "Start one with: dask scheduler --port 8786.",
+        ) from None  # fmt: skip
+
+
+def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
+    def workers() -> int:
+        return sum(worker["nthreads"] for worker in client.scheduler_info(n_workers=-1)["workers"].values())
+
+    def check() -> None:
+        if client.status != "running":
+            raise CampaignStoppedError(f"the scheduler at {address} was lost")
+
+    return Pool(client, workers, release, check, {"pure": False, "retries": 0})
+
+
+@contextlib.contextmanager
+def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
+    """Open an executor as a `map`, for `Model.simulate` and `Posterior`.
+
+    Parameters
+    ----------
+    executor : None, str, concurrent.futures.Executor or distributed.Client
+        As for `open_pool`.
+
+    Yields
+    ------
+    callable
+        Applies a function to every element of a sequence and returns the results in order.
+    """
+    pool = open_pool(executor)
+
+    def mapped(function: Callable[..., Any], items: Iterable[Any]) -> list[Any]:
+        waiting = list(enumerate(items))
+        results: list[Any] = [None] * len(waiting)
+        waiting.reverse()
+        while waiting or pool.busy:
+            while waiting and pool.room > 0:
+                place, item = waiting.pop()
+                pool.submit((place, item), function, item)
+            for (place, item), result in pool.finished():
+                if isinstance(result, LostWorkerError):
+                    waiting.append((place, item))
+                else:
+                    results[place] = result
+        return results
+
+    abort = True
+    try:
+        yield mapped
+        abort = False
+    finally:
+        pool.close(abort)

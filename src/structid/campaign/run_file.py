@@ -1,0 +1,420 @@
+"""Runs in one HDF5 file: netCDF's layout, one compressed chunk a run, so that any run is read alone and moved without unpacking."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from structid.errors import InputError, Status, StoreError
+from structid.ground_motion.excitation import DisplacementHistory, Excitation, ForceHistory
+from structid.ground_motion.record import GroundMotion
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import Runs
+
+SCHEMA = 1
+"""Version of the layout."""
+
+_KINDS: dict[str, type[Excitation]] = {
+    kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory)
+}
+_TEXT = h5py.string_dtype()
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """What all runs of a store share.
+
+    Parameters
+    ----------
+    identity : dict
+        Hashes and names; a store with another one is refused.
+    space : ParameterSpace
+        Of the design.
+    records : tuple of Excitation
+        The records.
+    channels : tuple of str
+        Of the histories.
+    """
+
+    identity: dict[str, Any]
+    space: ParameterSpace
+    records: tuple[Excitation, ...]
+    channels: tuple[str, ...]
+
+    @property
+    def samples(self) -> int:
+        """Rows of a history: those of the longest record."""
+        return max(len(r) for r in self.records)
+
+    @property
+    def bytes_per_run(self) -> int:
+        """Size of a history before compression."""
+        return 8 * self.samples * len(self.channels)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One stored run: what became of it, and where its history lies.
+
+    Parameters
+    ----------
+    key : str
+        Stands for parameters and record.
+    status : int
+        A `Status`.
+    reason : str
+        Why it failed.
+    failure_time, seconds : float
+        Time of failure [s], wall time [s].
+    attempts : int
+        How often it was tried.
+    finished : float
+        When, seconds of the epoch.
+    source : Source or None
+        Where the history is; None for a run that is pending.
+    position : int
+        Its row there.
+    """
+
+    key: str
+    status: int
+    reason: str
+    failure_time: float
+    seconds: float
+    attempts: int
+    finished: float
+    source: Any
+    position: int
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """Histories in an HDF5 file of this layout.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    path: Path
+
+    def read(self, positions: np.ndarray) -> np.ndarray:
+        """Read some rows.
+
+        Parameters
+        ----------
+        positions : ndarray of int
+            Which.
+
+        Returns
+        -------
+        ndarray, shape (row, time, channel)
+            Histories.
+        """
+        with h5py.File(self.path, "r") as file:
+            values = file["values"]
+            # h5py wants rising, distinct rows.
+            distinct, back = np.unique(positions, return_inverse=True)
+            return values[distinct][back] if len(distinct) else np.empty((0, *values.shape[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class FileValues:
+    """All histories of a finished file, read when they are asked for.
+
+    Parameters
+    ----------
+    source : FileSource
+        The file.
+    shape : tuple of int
+        (run, time, channel).
+    """
+
+    source: FileSource
+    shape: tuple[int, int, int]
+
+    def read(self, rows: np.ndarray) -> np.ndarray:
+        """Read some runs; see `Values.read`.
+
+        Parameters
+        ----------
+        rows : ndarray of int
+            Which.
+
+        Returns
+        -------
+        ndarray, shape (n, time, channel)
+            In SI.
+        """
+        return self.source.read(np.asarray(rows))
+
+
+def write(
+    path: Path,
+    header: Header,
+    theta: np.ndarray,
+    record_of_run: np.ndarray,
+    rows: Sequence[Row],
+) -> None:
+    """Write a file of runs whole or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        Where it goes.
+    header : Header
+        What they share.
+    theta : ndarray, shape (run, parameter)
+        Points in SI.
+    record_of_run : ndarray of int, shape (run,)
+        Which record drove each.
+    rows : sequence of Row
+        One for each run, in order.
+
+    Raises
+    ------
+    StoreError
+        If there is no room for it.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _check_room(path, header, rows)
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with h5py.File(partial, "w") as file:
+            _write_header(file, header, theta, record_of_run)
+            _write_rows(file, rows)
+            _write_values(file, header, rows)
+        with partial.open("rb+") as written:
+            os.fsync(written.fileno())
+        partial.replace(path)
+    except OSError as problem:
+        partial.unlink(missing_ok=True)
+        raise StoreError(
+            f"{path}: it cannot be written ({problem}). The runs are safe in its parts; free some space and go on."
+        ) from problem
+
+
+def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
+    """A full disk can crash the HDF5 library, so it is not tried."""
+    needed = 1_000_000
+    for source in {row.source for row in rows if row.source is not None}:
+        if isinstance(source, FileSource):
+            needed += source.path.stat().st_size
+        else:
+            needed += source.array.nbytes
+    free = shutil.disk_usage(path.parent).free
+    if free < needed:
+        raise StoreError(
+            f"{path}: {free / 1e6:.0f} MB are free and {needed / 1e6:.0f} MB are needed to put the runs together. They are safe in "
+            "its parts; free some space and go on."
+        )
+
+
+def _write_header(file: Any, header: Header, theta: np.ndarray, record_of_run: np.ndarray) -> None:
+    file.attrs["schema"] = SCHEMA
+    file.attrs["identity"] = json.dumps(header.identity, sort_keys=True)
+    file.attrs["space"] = json.dumps(header.space.to_plain())
+    file.attrs["records"] = json.dumps([r.to_plain() for r in header.records])
+    dt = {r.dt for r in header.records}
+    scales = {
+        "channel": np.array(header.channels, dtype=object),
+        "parameter": np.array(header.space.names, dtype=object),
+        "record": np.array([r.name for r in header.records], dtype=object),
+        "time": np.arange(header.samples) * (dt.pop() if len(dt) == 1 else 1.0),
+        "run": np.arange(len(theta)),
+    }
+    for name, content in scales.items():
+        file.create_dataset(name, data=content, dtype=_TEXT if content.dtype == object else None).make_scale(name)
+    excitation = np.full((len(header.records), header.samples), np.nan)
+    for row, record in zip(excitation, header.records, strict=True):
+        row[: len(record)] = record.values
+    _put(file, "theta", theta, ("run", "parameter"))
+    _put(file, "record_of_run", np.asarray(record_of_run, dtype=np.int32), ("run",))
+    _put(file, "excitation", excitation, ("record", "time"))
+    _put(file, "dt", np.array([r.dt for r in header.records]), ("record",))
+    _put(file, "samples", np.array([len(r) for r in header.records]), ("record",))
+
+
+def _write_rows(file: Any, rows: Sequence[Row]) -> None:
+    columns = {
+        "key": np.array([row.key for row in rows], dtype="S16"),
+        "status": np.array([row.status for row in rows], dtype=np.int8),
+        "attempts": np.array([row.attempts for row in rows], dtype=np.int16),
+        "failure_time": np.array([row.failure_time for row in rows], dtype=float),
+        "seconds": np.array([row.seconds for row in rows], dtype=float),
+        "finished": np.array([row.finished for row in rows], dtype=float),
+        "reason": np.array([row.reason for row in rows], dtype=object),
+    }
+    for name, column in columns.items():
+        _put(file, name, column, ("run",))
+    file["status"].attrs["flag_meanings"] = " ".join(s.name.lower() for s in Status)
+
+
+def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
+    """Put the histories in: chunks of other files are moved as they are, everything else is compressed here."""
+    shape = (header.samples, len(header.channels))
+    values = file.create_dataset(
+        "values",
+        shape=(len(rows), *shape),
+        chunks=(1, *shape),
+        dtype="f8",
+        fillvalue=np.nan,
+        shuffle=True,
+        compression="gzip",
+        compression_opts=1,
+    )
+    _attach(file, values, ("run", "time", "channel"))
+    opened: dict[Path, Any] = {}
+    try:
+        for index, row in enumerate(rows):
+            if isinstance(row.source, FileSource):
+                if row.source.path not in opened:
+                    opened[row.source.path] = h5py.File(row.source.path, "r")
+                mask, chunk = opened[row.source.path]["values"].id.read_direct_chunk((row.position, 0, 0))
+                values.id.write_direct_chunk((index, 0, 0), chunk, mask)
+            elif row.source is not None:
+                values[index] = row.source.read(np.array([row.position]))[0]
+    finally:
+        for other in opened.values():
+            other.close()
+
+
+def _put(file: Any, name: str, data: np.ndarray, dimensions: tuple[str, ...]) -> None:
+    kind = _TEXT if data.dtype == object else None
+    _attach(file, file.create_dataset(name, data=data, dtype=kind), dimensions)
+
+
+def _attach(file: Any, dataset: Any, dimensions: tuple[str, ...]) -> None:
+    for axis, name in enumerate(dimensions):
+        dataset.dims[axis].attach_scale(file[name])
+
+
+def read_rows(path: Path) -> dict[str, Row]:
+    """Read what became of every run in a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    dict of str to Row
+        By key; pending runs are left out.
+    """
+    source = FileSource(path)
+    with h5py.File(path, "r") as file:
+        columns = [file[n][...] for n in ("key", "status", "failure_time", "seconds", "attempts", "finished")]
+        reasons = file["reason"].asstr()[...]
+    rows = {}
+    for position, (key, status, failure_time, seconds, attempts, finished) in enumerate(zip(*columns, strict=True)):
+        if status != Status.PENDING:
+            name = key.decode()
+            rows[name] = Row(
+                name, int(status), str(reasons[position]), float(failure_time), float(seconds), int(attempts),
+                float(finished), source, position,
+            )  # fmt: skip
+    return rows
+
+
+def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
+    """Read what the runs of a file share, and its design.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    tuple of Header, ndarray and ndarray
+        The header, the points (run, parameter), the number of each run's record.
+
+    Raises
+    ------
+    InputError
+        If it is no file of runs.
+    """
+    try:
+        with h5py.File(path, "r") as file:
+            plain = json.loads(file.attrs["records"])
+            records = tuple(
+                record_from_plain(p, values[: int(samples)])
+                for p, values, samples in zip(plain, file["excitation"][...], file["samples"][...], strict=True)
+            )
+            channels = tuple(str(c) for c in file["channel"].asstr()[...])
+            space = ParameterSpace.from_plain(json.loads(file.attrs["space"]))
+            header = Header(json.loads(file.attrs["identity"]), space, records, channels)
+            return header, file["theta"][...], file["record_of_run"][...].astype(int)
+    except (OSError, KeyError) as cause:
+        raise InputError(
+            f"{path}", f"it holds no runs of structid ({cause})", "a file that a Campaign has made", "Name another one."
+        ) from cause
+
+
+def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
+    """Make an excitation again from `Excitation.to_plain` and its samples.
+
+    Parameters
+    ----------
+    plain : dict
+        The description.
+    values : ndarray, shape (time,)
+        The samples in SI.
+
+    Returns
+    -------
+    Excitation
+        Of the same kind.
+    """
+    settings = {k: v for k, v in plain.items() if k != "kind"}
+    return _KINDS[plain["kind"]](values=values, **settings)
+
+
+def as_runs(
+    header: Header, theta: np.ndarray, record_of_run: np.ndarray, rows: Sequence[Row], values: Any, path: Path | None
+) -> Runs:
+    """Give rows the face of `Runs`.
+
+    Parameters
+    ----------
+    header : Header
+        What they share.
+    theta : ndarray, shape (run, parameter)
+        Points in SI.
+    record_of_run : ndarray of int, shape (run,)
+        Which record drove each.
+    rows : sequence of Row
+        One for each run.
+    values : Values
+        The histories.
+    path : Path or None
+        The file, if all is in one.
+
+    Returns
+    -------
+    Runs
+        With the histories where they are.
+    """
+    return Runs(
+        Design(theta, header.space),
+        header.records,
+        header.channels,
+        values,
+        np.array([row.status for row in rows], dtype=np.int8),
+        record_of_run,
+        tuple(row.reason for row in rows),
+        np.array([row.failure_time for row in rows]),
+        np.array([row.seconds for row in rows]),
+        np.array([row.attempts for row in rows]),
+        path,
+    )

@@ -1,0 +1,289 @@
+"""A campaign: a design of true runs, done wherever there is room, each stored before the next result is awaited."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from structid.campaign.executors import LostWorkerError, Pool, open_pool
+from structid.campaign.run_file import Header
+from structid.campaign.store import Finished, MemoryStore, RunStore
+from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
+from structid.ground_motion.excitation import Excitation
+from structid.journal import digest
+from structid.models.base import JaxModel, Model
+from structid.models.external import ExternalModel, Outcome, PackedCall, attempt, packed
+from structid.probability.space import Design
+from structid.runs import Runs, record_numbers
+
+CampaignProgress = Callable[[int, int, int], None]
+"""Told how many runs have ended, of how many, and how many of them failed."""
+
+BATCH = 256
+"""Runs of a built-in model that are done, and stored, together."""
+
+LOST_WORKERS = 3
+"""How often a run may lose its worker before it is taken to be the cause."""
+
+RETRIED = (Status.FAILED, Status.TIMED_OUT)
+"""What a second attempt may cure; a run that diverged would do so again."""
+
+
+@dataclass(frozen=True)
+class _Ticket:
+    """One run on its way."""
+
+    row: int
+    attempts: int
+    lost: int = 0
+
+
+class Campaign:
+    """True runs of a model over a design, on one record or several.
+
+    Every finished run is on disk before the next result is awaited. A campaign that was stopped, however it was
+    stopped, goes on when the same one is run again; points appended to the design later are added to what is there.
+
+    Parameters
+    ----------
+    model : Model
+        Built in, external, anything with a model's face.
+    records : Excitation or sequence of Excitation
+        What drives it.
+    design : Design
+        The points.
+    store : path-like, optional
+        The HDF5 file that is to be. Without it the runs are kept in memory, and lost with the process.
+    assignment : "cycle" or sequence of int or str, optional
+        With several records: which of them drives which run, by place or name; ``"cycle"`` deals them out in turn.
+
+    Examples
+    --------
+    >>> import structid as si
+    >>> space = si.ParameterSpace(stiffness=si.Uniform(6.0, 9.0, unit="kN/mm"))
+    >>> model = si.BoucWen(mass=12e3, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma=63.0, free=space.names)
+    >>> runs = si.Campaign(model, si.GroundMotion.synthetic(seed=7), space.sample(8, seed=1)).run()
+    >>> runs.done.all()
+    np.True_
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        records: Excitation | Sequence[Excitation],
+        design: Design,
+        store: str | os.PathLike[str] | None = None,
+        assignment: Any = None,
+    ) -> None:
+        if not isinstance(design, Design):
+            raise InputError(
+                "Campaign.design",
+                f"a {type(design).__name__}",
+                "a Design",
+                "Draw one with space.sample(…), or Design(points, space).",
+            )
+        if len(design) == 0:
+            raise InputError("Campaign.design", "no points", "one or more")
+        self.records = (records,) if isinstance(records, Excitation) else tuple(records)
+        if not self.records or not all(isinstance(r, Excitation) for r in self.records):
+            raise InputError("Campaign.records", f"{records!r}", "a GroundMotion, ForceHistory, …, or a list of them")
+        self.model, self.design, self.store = model, design, store
+        self.theta = model.parameters(design)
+        self.record_of_run = record_numbers(self.records, assignment, len(design))
+        self.keys = _keys(design.values, [self.records[i].content_hash for i in self.record_of_run])
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the runs depend on beside the points: model, space, records, channels."""
+        return {
+            "model": self.model.content_hash,
+            "space": self.design.space.content_hash,
+            "records": [r.content_hash for r in self.records],
+            "channels": list(self.model.channels),
+        }
+
+    def run(
+        self,
+        executor: Any = None,
+        *,
+        retry: bool = False,
+        attempts: int = 1,
+        progress: CampaignProgress | None = None,
+    ) -> Runs:
+        """Do every run that is not stored yet.
+
+        Parameters
+        ----------
+        executor : None, str, concurrent.futures.Executor or distributed.Client
+            ``"serial"`` (the default), ``"processes"``, ``"processes:4"``, the address of a Dask scheduler (``"tcp://…"``), or
+            an executor of the caller's. Built-in models run in batches on this machine and take none.
+        retry : bool
+            Do runs again that failed or timed out before.
+        attempts : int
+            How often a run that fails or times out is tried in this campaign.
+        progress : callable, optional
+            Told how many runs have ended, of how many, and how many of them failed.
+
+        Returns
+        -------
+        Runs
+            In the design's order.
+
+        Raises
+        ------
+        StoreMismatchError
+            If the store belongs to another model, record or space, or holds points that this design lacks.
+        CampaignStoppedError
+            If the executor broke down; what is finished is stored.
+        KeyboardInterrupt
+            On Ctrl-C, with how to go on in its message.
+        """
+        if attempts < 1:
+            raise InputError("Campaign.run: attempts", f"{attempts}", "1 or more")
+        header = Header(self.identity, self.design.space, self.records, self.model.channels)
+        store = MemoryStore(header) if self.store is None else RunStore(self.store, header)
+        try:
+            self._check_points(store)
+            todo = self._todo(store, retry)
+            if todo:
+                store.describe(self.keys, self.design.values, self.record_of_run)
+                count = _Counter(store, self.keys, todo, progress)
+                if isinstance(self.model, JaxModel) or not isinstance(self.model, ExternalModel):
+                    self._in_batches(store, todo, count)
+                else:
+                    self._one_by_one(store, todo, count, executor, attempts)
+            return store.finish(self.keys, self.design.values, self.record_of_run)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"Stopped: {self._progress_in(store)}. {self._how_to_go_on}") from None
+        except CampaignStoppedError as problem:
+            raise CampaignStoppedError(
+                f"Stopped: {problem}. {self._progress_in(store)}. {self._how_to_go_on}"
+            ) from problem
+        finally:
+            store.close()
+
+    @property
+    def _how_to_go_on(self) -> str:
+        return (
+            "Run the same campaign again to go on from there."
+            if self.store is not None
+            else "They were in memory only and are lost."
+        )
+
+    def _progress_in(self, store: RunStore | MemoryStore) -> str:
+        return f"{len(store.rows)} of {len(self.keys)} runs are stored"
+
+    def _check_points(self, store: RunStore | MemoryStore) -> None:
+        strangers = set(store.rows) - set(self.keys)
+        if strangers:
+            raise StoreMismatchError(
+                f"store {self.store}",
+                f"it holds {len(strangers)} runs at points that this design of {len(self.keys)} lacks",
+                "the stored design, or a longer one that contains it",
+                "Append the new points to the old design, or name another store; this one has not been touched.",
+            )
+
+    def _todo(self, store: RunStore | MemoryStore, retry: bool) -> list[_Ticket]:
+        tickets = []
+        for row, key in enumerate(self.keys):
+            stored = store.rows.get(key)
+            if stored is None:
+                tickets.append(_Ticket(row, 1))
+            elif retry and stored.status in RETRIED:
+                tickets.append(_Ticket(row, stored.attempts + 1))
+        return tickets
+
+    def _in_batches(self, store: RunStore | MemoryStore, todo: list[_Ticket], count: _Counter) -> None:
+        for number, record in enumerate(self.records):
+            rows = [t.row for t in todo if self.record_of_run[t.row] == number]
+            for start in range(0, len(rows), BATCH):
+                batch = rows[start : start + BATCH]
+                done = self.model.simulate(self.theta[batch], record)
+                finished = [
+                    Finished(
+                        self.keys[row],
+                        Outcome(done.values[i], Status(done.status[i]), done.reasons[i], float(done.failure_time[i])),
+                        1,
+                    )
+                    for i, row in enumerate(batch)
+                ]
+                store.append(finished)
+                count.add(finished)
+
+    def _one_by_one(
+        self, store: RunStore | MemoryStore, todo: list[_Ticket], count: _Counter, executor: Any, attempts: int
+    ) -> None:
+        assert isinstance(self.model, ExternalModel)
+        calls = [packed(self.model, record) for record in self.records]
+        pool = open_pool(executor)
+        abort = True
+        try:
+            waiting = list(reversed(todo))
+            last = {t.row: t.attempts + attempts - 1 for t in todo}
+            while waiting or pool.busy:
+                while waiting and pool.room > 0:
+                    self._submit(pool, waiting.pop(), calls)
+                finished, again = self._take(pool, last)
+                store.append(finished)
+                waiting.extend(again)
+                count.add([f for f in finished if not any(self.keys[t.row] == f.key for t in again)])
+            abort = False
+        finally:
+            pool.close(abort)
+
+    def _submit(self, pool: Pool, ticket: _Ticket, calls: list[PackedCall]) -> None:
+        assert isinstance(self.model, ExternalModel)
+        number = self.record_of_run[ticket.row]
+        task = self.model.task(self.theta[ticket.row], self.records[number], ticket.attempts)
+        pool.submit(ticket, attempt, calls[number], task)
+
+    def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
+        """Take what has ended; say what is to be tried again."""
+        finished, again = [], []
+        for ticket, outcome in pool.finished():
+            if isinstance(outcome, LostWorkerError):
+                if ticket.lost < LOST_WORKERS:
+                    again.append(_Ticket(ticket.row, ticket.attempts, ticket.lost + 1))
+                    continue
+                nothing = np.full((len(self.records[self.record_of_run[ticket.row]]), len(self.model.channels)), np.nan)
+                reason = f"its worker died, {LOST_WORKERS + 1} times: {outcome}"
+                outcome = Outcome(nothing, Status.FAILED, reason, 0.0)
+            finished.append(Finished(self.keys[ticket.row], outcome, ticket.attempts))
+            if outcome.status in RETRIED and ticket.attempts < last[ticket.row]:
+                again.append(_Ticket(ticket.row, ticket.attempts + 1))
+        return finished, again
+
+
+class _Counter:
+    """Counts what has ended, for a progress bar."""
+
+    def __init__(
+        self, store: RunStore | MemoryStore, keys: list[str], todo: list[_Ticket], progress: CampaignProgress | None
+    ) -> None:
+        pending = {keys[t.row] for t in todo}
+        stored = [row for key, row in store.rows.items() if key not in pending]
+        self.done, self.total, self.progress = len(stored), len(keys), progress
+        self.failed = sum(row.status != Status.DONE for row in stored)
+        self.add([])
+
+    def add(self, finished: Sequence[Finished]) -> None:
+        self.done += len(finished)
+        self.failed += sum(f.outcome.status != Status.DONE for f in finished)
+        if self.progress is not None:
+            self.progress(self.done, self.total, self.failed)
+
+
+def _keys(points: np.ndarray, record_hashes: list[str]) -> list[str]:
+    """Name each run by what it is of: its point and its record; the second run at the same point is another one."""
+    seen: Counter[str] = Counter()
+    keys = []
+    for point, record in zip(points, record_hashes, strict=True):
+        key = digest(np.asarray(point), record)
+        keys.append(key if seen[key] == 0 else digest(key, seen[key]))
+        seen[key] += 1
+    return keys

@@ -1,0 +1,458 @@
+"""Runs on disk while a campaign goes on: a checksummed journal, sealed into HDF5 segments, put together into one file at the end.
+
+An HDF5 file that is being appended to does not survive a kill or a full disk. So every finished run goes first to a journal; a full
+journal is sealed into a segment, written whole and renamed; at the end the segments become one file, in the design's order:
+
+    runs.h5.parts/design           the points, and what all runs share
+    runs.h5.parts/journal          the newest runs, each on disk before the next result is awaited
+    runs.h5.parts/segment-0001.h5  sealed runs
+    runs.h5                        all runs, when the campaign has ended; the parts are gone then
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.campaign import run_file
+from structid.campaign.run_file import FileSource, FileValues, Header, Row
+from structid.errors import InputError, Status, StoreError
+from structid.journal import Journal, compare_identity
+from structid.models.external import Outcome
+from structid.probability.space import ParameterSpace
+from structid.runs import InMemory, Runs
+
+SEGMENT_BYTES = 64_000_000
+"""A journal larger than this is sealed into a segment."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run that has ended, on its way to the store.
+
+    Parameters
+    ----------
+    key : str
+        Stands for parameters and record.
+    outcome : Outcome
+        What became of it.
+    attempts : int
+        How often it was tried.
+    """
+
+    key: str
+    outcome: Outcome
+    attempts: int
+
+
+class RunStore:
+    """Where a campaign's runs are kept.
+
+    Parameters
+    ----------
+    path : path-like
+        The HDF5 file that is to be; its parts lie beside it.
+    header : Header
+        What the runs share; a store of anything else is refused.
+
+    Raises
+    ------
+    StoreMismatchError
+        If the store belongs to something else; it is left alone.
+    InputError
+        If another process is writing to it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
+        self.path, self.header = Path(path), header
+        self.parts = parts_of(self.path)
+        for file in self._files():
+            compare_identity(self.path, run_file.read_header(file)[0].identity, header.identity)
+        with _plain_errors(self.path):
+            self.parts.mkdir(parents=True, exist_ok=True)
+            self._lock = _locked(self.parts, self.path)
+        self._journal = Journal(self.parts / "journal", header.identity)
+        self._designs = Journal(self.parts / "design", header.identity)
+        self.rows: dict[str, Row] = {}
+        for file in self._files():
+            self.rows.update(run_file.read_rows(file))
+        for rows in _journalled(self._journal):
+            self.rows.update(rows)
+
+    def _files(self) -> list[Path]:
+        """The finished file and the segments, oldest first."""
+        return [p for p in (self.path, *segments_of(self.path)) if p.exists()]
+
+    def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
+        """Put the design on disk, so that what is pending is known to whoever opens the store.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            One for each run.
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        record_of_run : ndarray of int, shape (run,)
+            Which record drives each.
+        """
+        with _plain_errors(self.path):
+            self._designs.append(
+                {
+                    "key": np.array(keys, dtype="S16"),
+                    "theta": theta,
+                    "record_of_run": record_of_run,
+                    "excitation": np.concatenate([r.values for r in self.header.records]),
+                    "told": np.array(_told(self.header)),
+                }
+            )
+
+    def append(self, finished: Sequence[Finished]) -> None:
+        """Put finished runs on disk; they are safe there when this returns.
+
+        Parameters
+        ----------
+        finished : sequence of Finished
+            Runs that have ended.
+
+        Raises
+        ------
+        StoreError
+            If the disk is full or gone; what was stored before is safe.
+        """
+        if not finished:
+            return
+        values = np.full((len(finished), self.header.samples, len(self.header.channels)), np.nan)
+        for row, run in zip(values, finished, strict=True):
+            row[: len(run.outcome.values)] = run.outcome.values
+        entry = {
+            "key": np.array([f.key for f in finished], dtype="S16"),
+            "status": np.array([f.outcome.status for f in finished], dtype=np.int8),
+            "failure_time": np.array([f.outcome.failure_time for f in finished]),
+            "seconds": np.array([f.outcome.seconds for f in finished]),
+            "attempts": np.array([f.attempts for f in finished]),
+            "finished": np.array(time.time()),
+            "reasons": np.array(json.dumps([f.outcome.reason for f in finished])),
+            "values": values,
+        }
+        with _plain_errors(self.path):
+            self._journal.append(entry)
+        # What is known of them stays in memory, their histories do not.
+        self.rows.update(_rows_of(entry, source=None))
+        if self._journal.size > SEGMENT_BYTES:
+            self._seal()
+
+    def _seal(self) -> None:
+        """Turn the journal into a segment."""
+        rows: dict[str, Row] = {}
+        for some in _journalled(self._journal):
+            rows.update(some)
+        if rows:
+            _, keys, theta, record_of_run = _design_in(self._designs, self.path)
+            place = {key: i for i, key in enumerate(keys)}
+            points = [place[key] for key in rows]
+            number = len(segments_of(self.path)) + 1
+            segment = self.parts / f"segment-{number:04d}.h5"
+            run_file.write(segment, self.header, theta[points], record_of_run[points], list(rows.values()))
+            self.rows.update(run_file.read_rows(segment))
+        with _plain_errors(self.path):
+            self._journal.remove()
+
+    def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
+        """Put everything together into one file, in the design's order, and remove the parts.
+
+        Parameters
+        ----------
+        keys : sequence of str
+            One for each run.
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        record_of_run : ndarray of int, shape (run,)
+            Which record drove each.
+
+        Returns
+        -------
+        Runs
+            Lying in that file.
+        """
+        self._seal()
+        rows = [self.rows.get(key) or _pending(key) for key in keys]
+        if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
+            run_file.write(self.path, self.header, theta, record_of_run, rows)
+        self.close()
+        shutil.rmtree(self.parts, ignore_errors=True)
+        return open_runs(self.path)
+
+    def close(self) -> None:
+        """Let go of the store; everything stays as it is."""
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+        if self.parts.exists() and not any(self.parts.iterdir()):
+            self.parts.rmdir()
+
+
+class MemoryStore:
+    """Runs of a campaign without a file: lost with the process.
+
+    Parameters
+    ----------
+    header : Header
+        What the runs share.
+    """
+
+    def __init__(self, header: Header) -> None:
+        self.header = header
+        self.rows: dict[str, Row] = {}
+
+    def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
+        """Nothing is told; see `RunStore.describe`.
+
+        Parameters
+        ----------
+        keys, theta, record_of_run
+            As there.
+        """
+
+    def append(self, finished: Sequence[Finished]) -> None:
+        """Keep finished runs.
+
+        Parameters
+        ----------
+        finished : sequence of Finished
+            Runs that have ended.
+        """
+        for run in finished:
+            values = np.full((1, self.header.samples, len(self.header.channels)), np.nan)
+            values[0, : len(run.outcome.values)] = run.outcome.values
+            o = run.outcome
+            self.rows[run.key] = Row(
+                run.key,
+                int(o.status),
+                o.reason,
+                o.failure_time,
+                o.seconds,
+                run.attempts,
+                time.time(),
+                InMemory(values),
+                0,
+            )
+
+    def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
+        """Give what there is; see `RunStore.finish`.
+
+        Parameters
+        ----------
+        keys, theta, record_of_run
+            As there.
+
+        Returns
+        -------
+        Runs
+            In memory.
+        """
+        rows = [self.rows.get(key) or _pending(key) for key in keys]
+        return run_file.as_runs(self.header, theta, record_of_run, rows, _Scattered(rows, self.header), None)
+
+    def close(self) -> None:
+        """Nothing to let go of."""
+
+
+def parts_of(path: Path) -> Path:
+    """Return the folder of a store's parts.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    Path
+        ``runs.h5.parts``.
+    """
+    return path.with_name(path.name + ".parts")
+
+
+def segments_of(path: Path) -> list[Path]:
+    """Return the sealed segments of a store, oldest first.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    return sorted(parts_of(path).glob("segment-*.h5"))
+
+
+def open_runs(path: str | os.PathLike[str]) -> Runs:
+    """Open the runs of a campaign to read them, finished or not; nothing on disk is changed.
+
+    Parameters
+    ----------
+    path : path-like
+        The campaign's store.
+
+    Returns
+    -------
+    Runs
+        In the design's order. Of a campaign that has not ended, runs without a result are pending.
+
+    Raises
+    ------
+    InputError
+        If there is no such store.
+    """
+    path = Path(path)
+    parts = parts_of(path)
+    if not (parts / "design").exists():
+        header, theta, record_of_run = run_file.read_header(path)
+        found = run_file.read_rows(path)
+        keys = _keys_in(path)
+        rows = [found.get(key) or _pending(key) for key in keys]
+        shape = (len(rows), header.samples, len(header.channels))
+        return run_file.as_runs(header, theta, record_of_run, rows, FileValues(FileSource(path), shape), path)
+    stored: dict[str, Row] = {}
+    for file in (p for p in (path, *segments_of(path)) if p.exists()):
+        stored.update(run_file.read_rows(file))
+    header, keys, theta, record_of_run = _design_in(Journal.read(parts / "design"), path)
+    if (parts / "journal").exists():
+        for some in _journalled(Journal.read(parts / "journal")):
+            stored.update(some)
+    rows = [stored.get(key) or _pending(key) for key in keys]
+    return run_file.as_runs(header, theta, record_of_run, rows, _Scattered(rows, header), None)
+
+
+# --- entries of the journal -----------------------------------------------------------------------------------------
+
+
+def _told(header: Header) -> str:
+    """What a reader of the journal alone needs to know."""
+    return json.dumps(
+        {
+            "space": header.space.to_plain(),
+            "records": [r.to_plain() for r in header.records],
+            "samples": [len(r) for r in header.records],
+            "channels": header.channels,
+        }
+    )
+
+
+def _design_in(journal: Journal, path: Path) -> tuple[Header, list[str], np.ndarray, np.ndarray]:
+    entries = list(journal)
+    if not entries:
+        raise InputError(
+            f"{path}", "its campaign was stopped before it began", "a store with runs", "Run the campaign again."
+        )
+    entry = entries[-1]  # a design that grew was told again
+    told = json.loads(str(entry["told"]))
+    ends = np.cumsum(told["samples"])
+    parts = np.split(entry["excitation"], ends[:-1])
+    records = tuple(run_file.record_from_plain(p, v) for p, v in zip(told["records"], parts, strict=True))
+    header = Header(journal.identity, ParameterSpace.from_plain(told["space"]), records, tuple(told["channels"]))
+    return header, [k.decode() for k in entry["key"]], entry["theta"], entry["record_of_run"].astype(int)
+
+
+def _journalled(journal: Journal) -> Iterator[dict[str, Row]]:
+    """Rows of every entry of a journal, their histories in memory."""
+    for entry in journal:
+        yield _rows_of(entry, InMemory(entry["values"]))
+
+
+def _rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
+    reasons = json.loads(str(entry["reasons"]))
+    columns = [entry[n] for n in ("key", "status", "failure_time", "seconds", "attempts")]
+    rows = {}
+    for position, (key, status, failure_time, seconds, attempts) in enumerate(zip(*columns, strict=True)):
+        name = key.decode()
+        rows[name] = Row(
+            name, int(status), reasons[position], float(failure_time), float(seconds), int(attempts), float(entry["finished"]),
+            source, position,
+        )  # fmt: skip
+    return rows
+
+
+def _pending(key: str) -> Row:
+    return Row(key, int(Status.PENDING), "", np.nan, np.nan, 0, np.nan, None, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scattered:
+    """Histories that lie in several places."""
+
+    rows: Sequence[Row]
+    header: Header
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        return len(self.rows), self.header.samples, len(self.header.channels)
+
+    def read(self, rows: np.ndarray) -> np.ndarray:
+        values = np.full((len(rows), *self.shape[1:]), np.nan)
+        wanted = [self.rows[i] for i in rows]
+        for source in {id(r.source): r.source for r in wanted if r.source is not None}.values():
+            places = [i for i, row in enumerate(wanted) if row.source is source]
+            values[places] = source.read(np.array([wanted[i].position for i in places]))
+        return values
+
+
+def _keys_in(path: Path) -> list[str]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        return [k.decode() for k in file["key"][...]]
+
+
+def _holds(path: Path, keys: Sequence[str]) -> bool:
+    return path.exists() and _keys_in(path) == list(keys)
+
+
+# --- the file system ------------------------------------------------------------------------------------------------
+
+
+def _locked(folder: Path, path: Path) -> int | None:
+    """Hold a folder against a second writer; the system lets it go when this process ends, however it ends."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise InputError(
+            f"store {path}",
+            "another process is running this campaign",
+            "one writer at a time",
+            "Wait for it, or stop it.",
+        ) from None
+    except OSError:  # a file system without locks
+        os.close(handle)
+        return None
+    return handle
+
+
+@contextlib.contextmanager
+def _plain_errors(path: Path) -> Iterator[None]:
+    """Say what a full or broken disk means for the campaign."""
+    try:
+        yield
+    except OSError as problem:
+        full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        what, cure = ("there is no room left", "Free some space") if full else ("it cannot be written", "Repair that")
+        raise StoreError(
+            f"{path}: {what} ({problem.strerror}). Every run that was stored before is safe. {cure} and run the same campaign "
+            "again: it goes on from there."
+        ) from problem

@@ -1,0 +1,96 @@
+"""What a study offers over UM-Bridge: its model as "forward", and its posterior's log density as "posterior"."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.inference.posterior import Posterior
+from structid.models.um_bridge import ServedModel
+from structid.study.build import BuiltStudy
+
+
+class ServedPosterior:
+    """A posterior with the face that ``umbridge.serve_models`` asks for: one input vector, all parameters in SI; one number out.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The posterior.
+    name : str
+        What it is called.
+    """
+
+    def __init__(self, posterior: Posterior, name: str = "posterior") -> None:
+        self.posterior, self.name = posterior, name
+
+    def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the input vectors.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            The number of parameters.
+        """
+        return [self.posterior.dimension]
+
+    def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the output vectors.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            One.
+        """
+        return [1]
+
+    def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
+        """Log posterior density; where it is zero, the most negative number there is, since JSON has no infinity."""
+        density = float(self.posterior.log_density(np.array(parameters))[0])
+        return [[max(density, -np.finfo(float).max)]]
+
+    def supports_evaluate(self) -> bool:
+        """Whether it can be evaluated: yes.
+
+        Returns
+        -------
+        bool
+            True.
+        """
+        return True
+
+    def _no(self) -> bool:
+        return False
+
+    supports_gradient = supports_apply_jacobian = supports_apply_hessian = _no
+
+
+def offered(study: BuiltStudy) -> list[Any]:
+    """List what a study can serve.
+
+    Parameters
+    ----------
+    study : BuiltStudy
+        The study.
+
+    Returns
+    -------
+    list
+        Its model, and its posterior if something was measured.
+    """
+    models: list[Any] = [ServedModel(study.model, study.record)]
+    if study.posterior is not None:
+        models.append(ServedPosterior(study.posterior))
+    return models
