@@ -39,19 +39,20 @@ errors = Console(stderr=True, highlight=False)
 
 
 def template(name: str) -> str:
-    """Text of a packaged study.
+    """Text of a packaged study, or of the solver beside it.
 
     Parameters
     ----------
     name : str
-        One of `TEMPLATES`.
+        One of `TEMPLATES`, or of the files in `SOLVERS`.
 
     Returns
     -------
     str
-        TOML.
+        TOML, or Python.
     """
-    return (resources.files("structid") / "study" / "templates" / f"{name}.toml").read_text(encoding="utf-8")
+    file = f"{name}.toml" if name in TEMPLATES else name
+    return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")
 
 
 @app.command()
@@ -166,8 +167,7 @@ def new(
     text = template(like).replace(f'name = "{like}"', f'name = "{path.stem}"', 1)
     path.write_text(text, encoding="utf-8")
     if solver is not None:
-        packaged = resources.files("structid") / "study" / "templates" / solver
-        (path.parent / solver).write_text(packaged.read_text(encoding="utf-8"), encoding="utf-8")
+        (path.parent / solver).write_text(template(solver), encoding="utf-8")
         screen.print(f"Wrote {path.parent / solver}, a solver to put yours in place of.")
     screen.print(f"Wrote {path}. Edit it, then: structid check {path}")
 

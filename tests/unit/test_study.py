@@ -44,6 +44,8 @@ def structid(*arguments, cwd):
 @pytest.mark.parametrize("name", cli.TEMPLATES)
 def test_every_packaged_study_builds(name, tmp_path):
     content = tomllib.loads(cli.template(name))
+    if name in cli.SOLVERS:
+        (tmp_path / cli.SOLVERS[name]).write_text(cli.template(cli.SOLVERS[name]))
     built = build(parse_study(content), tmp_path)
     assert np.isfinite(built.posterior.log_density(built.posterior.space.sample(2, seed=1).values)).all()
 

@@ -129,14 +129,14 @@ class Pool:
 def _result_of(future: Any) -> Any:
     try:
         return future.result()
-    except (BrokenExecutor, CancelledError) as problem:
+    except BrokenExecutor as problem:
         raise CampaignStoppedError(f"the executor broke down: {type(problem).__name__} {problem}".rstrip()) from problem
     except Exception as problem:
         # By name, so that distributed need not be there.
         if type(problem).__name__ == "KilledWorker":
             return LostWorkerError(str(problem).split("\n")[0])
-        if "Cancelled" in type(problem).__name__ or "CommClosed" in type(problem).__name__:
-            raise CampaignStoppedError(f"the scheduler was lost: {problem}") from problem
+        if isinstance(problem, CancelledError) or "CommClosed" in type(problem).__name__:
+            raise CampaignStoppedError("the scheduler, or whoever else kept the runs in flight, was lost") from problem
         raise CampaignStoppedError(
             f"a worker could not even begin a run: {type(problem).__name__}: {problem}. "
             "Has it the same structid and Python as here?"
@@ -218,7 +218,8 @@ def _connected(address: str) -> Any:
         raise InputError(
             f"executor '{address}'", "Dask is not installed here", "the extra 'dask'", "pip install 'structid[dask]'."
         ) from None
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what there is to say is said below, in one line
+    for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what there is to say is said by us, in one line
     try:
         return Client(address, timeout=CONNECTION_LIMIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as problem:

@@ -74,7 +74,7 @@ def _bands(axis: Any, time: np.ndarray, histories: np.ndarray) -> None:
     axis.fill_between(time, low, high, color=ACCENT, alpha=0.18, lw=0, label="90 %")
     axis.fill_between(time, quarter, three_quarters, color=ACCENT, alpha=0.35, lw=0, label="50 %")
     axis.plot(time, middle, color=ACCENT, lw=0.8, label="median")
-    axis.legend(ncols=3, loc="upper right")
+    axis.legend(ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
 
 
 def _design(
@@ -98,7 +98,7 @@ def _design(
             alpha=0.5 if code == 0 else 0.9, label=f"{words[int(code)]} ({some.sum()})", zorder=2 + int(code > 0),
         )  # fmt: skip
     name_axes(axis, *((pretty(names[i]), pretty_unit(units[i])) for i in (first, second)))
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, 1.18), ncols=2, handletextpad=0.1, columnspacing=1.0)
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, handletextpad=0.1, columnspacing=1.0)
 
 
 def _telling(theta: np.ndarray, status: np.ndarray) -> tuple[int, int | None]:

@@ -17,6 +17,7 @@ import signal
 import socket
 import sys
 import threading
+import time
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any
@@ -34,12 +35,27 @@ class _Runner:
     channel: Connection
     loaded: set[str] = field(default_factory=set)
 
-    def kill(self) -> int:
-        """Kill it and all it has started; return its wait status."""
+    def kill(self) -> None:
+        """Kill it and all it has started."""
+        self._kill_group()
+        os.waitpid(self.pid, 0)
+
+    def ended(self) -> str:
+        """Say how it ended that has closed its channel, and kill what it has left behind."""
+        status = 0
+        for _ in range(100):  # it is on its way out: how, is known in a moment
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            if pid:
+                self._kill_group()
+                return ended_by(os.waitstatus_to_exitcode(status))
+            time.sleep(0.02)
+        self.kill()
+        return "it closed its connection"
+
+    def _kill_group(self) -> None:
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.pid, signal.SIGKILL)
         self.channel.close()
-        return os.waitpid(self.pid, 0)[1]
 
 
 class Keeper:
@@ -83,7 +99,7 @@ class Keeper:
             return answer or self._timed_out(time_limit or 0.0)
         except (EOFError, OSError):
             self._runner = None
-            return DIED + ended_by(os.waitstatus_to_exitcode(runner.kill())).encode()
+            return DIED + runner.ended().encode()
 
     def _timed_out(self, limit: float) -> bytes:
         assert self._runner is not None

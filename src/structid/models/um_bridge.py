@@ -109,7 +109,62 @@ def _connected(url: str, name: str) -> tuple[Any, list[int]]:
     return model, model.get_input_sizes()
 
 
-class ServedModel:
+class Served:
+    """What ``umbridge.serve_models`` asks of every model beside its values.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    differentiable : bool
+        Whether there are first derivatives.
+    """
+
+    def __init__(self, name: str, differentiable: bool) -> None:
+        self.name, self._differentiable = name, differentiable
+
+    def supports_evaluate(self) -> bool:
+        """Whether it can be evaluated.
+
+        Returns
+        -------
+        bool
+            True.
+        """
+        return True
+
+    def supports_gradient(self) -> bool:
+        """Whether a linear function of its output has a gradient.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_jacobian(self) -> bool:
+        """Whether its output has directional derivatives.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_hessian(self) -> bool:
+        """Whether there are second derivatives.
+
+        Returns
+        -------
+        bool
+            False.
+        """
+        return False
+
+
+class ServedModel(Served):
     """One of our models with the face that ``umbridge.serve_models`` asks for.
 
     Parameters
@@ -123,7 +178,8 @@ class ServedModel:
     """
 
     def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
-        self.model, self.excitation, self.name = model, excitation, name
+        super().__init__(name, isinstance(model, JaxModel))
+        self.model, self.excitation = model, excitation
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
         """Lengths of the input vectors: one, the free parameters in SI.
@@ -230,46 +286,6 @@ class ServedModel:
         if record is None:
             return self.excitation
         return type(self.excitation)(record["values"], record["dt"], record.get("name", "request"))
-
-    def supports_evaluate(self) -> bool:
-        """Whether the model runs: always.
-
-        Returns
-        -------
-        bool
-            True.
-        """
-        return True
-
-    def supports_gradient(self) -> bool:
-        """Whether there are derivatives: for built-in models.
-
-        Returns
-        -------
-        bool
-            True for them.
-        """
-        return isinstance(self.model, JaxModel)
-
-    def supports_apply_jacobian(self) -> bool:
-        """Whether there are derivatives: for built-in models.
-
-        Returns
-        -------
-        bool
-            True for them.
-        """
-        return isinstance(self.model, JaxModel)
-
-    def supports_apply_hessian(self) -> bool:
-        """Whether there are second derivatives: no.
-
-        Returns
-        -------
-        bool
-            False.
-        """
-        return False
 
 
 def serve(models: Sequence[ServedModel], port: int = 4242) -> None:

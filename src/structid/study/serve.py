@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from structid.inference.posterior import Posterior
-from structid.models.um_bridge import ServedModel
+from structid.models.um_bridge import Served, ServedModel
 from structid.study.build import BuiltStudy
 
 
-class ServedPosterior:
+class ServedPosterior(Served):
     """A posterior with the face that ``umbridge.serve_models`` asks for: one input vector, all parameters in SI; one number out.
 
     Parameters
@@ -24,7 +24,8 @@ class ServedPosterior:
     """
 
     def __init__(self, posterior: Posterior, name: str = "posterior") -> None:
-        self.posterior, self.name = posterior, name
+        super().__init__(name, differentiable=False)
+        self.posterior = posterior
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
         """Lengths of the input vectors.
@@ -60,21 +61,6 @@ class ServedPosterior:
         """Log posterior density; where it is zero, the most negative number there is, since JSON has no infinity."""
         density = float(self.posterior.log_density(np.array(parameters))[0])
         return [[max(density, -np.finfo(float).max)]]
-
-    def supports_evaluate(self) -> bool:
-        """Whether it can be evaluated: yes.
-
-        Returns
-        -------
-        bool
-            True.
-        """
-        return True
-
-    def _no(self) -> bool:
-        return False
-
-    supports_gradient = supports_apply_jacobian = supports_apply_hessian = _no
 
 
 def offered(study: BuiltStudy) -> list[Any]:

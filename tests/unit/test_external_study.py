@@ -1,0 +1,186 @@
+"""Studies of external solvers, from their words to runs, draws and pages; every mistake in them is one clear paragraph."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid import cli
+from structid.errors import InputError, Status
+from structid.study.run import load, report_again, run_study
+
+SOLVER = cli.SOLVERS["external"]
+STUDY = (
+    cli.template("external")
+    .replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "5 s"]')
+    .replace("runs = 200", "runs = 12")
+    .replace("walkers = 16", "walkers = 8")
+    .replace("steps = 1500", "steps = 20\nstart_candidates = 1\nsettling_steps = 0")
+)
+RUNS_ONLY = STUDY[: STUDY.index("[observation]")]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / SOLVER).write_text(cli.template(SOLVER))
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "runs.toml").write_text(RUNS_ONLY)
+    return tmp_path
+
+
+def structid(*arguments, cwd):
+    return subprocess.run(
+        [sys.executable, "-c", "from structid.cli import main; main()", *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, env=dict(os.environ, COLUMNS="200"),
+    )  # fmt: skip
+
+
+def test_runs_then_a_calibration_then_the_page_again(folder):
+    outcome = run_study(folder / "study.toml", folder / "out", executor="processes:2")
+    assert outcome.runs.done.all() and len(outcome.runs) == 12
+    assert outcome.result.draws.shape[-1] == 4
+    page = outcome.report.read_text()
+    assert "True runs" in page and "How they ended" in page
+    serial = run_study(folder / "study.toml", folder / "again")
+    np.testing.assert_array_equal(serial.result.history, outcome.result.history)
+    np.testing.assert_array_equal(serial.runs.values, outcome.runs.values)
+    assert report_again(folder / "out").report.read_text().count("<figure>") == page.count("<figure>")
+
+
+def test_a_study_of_runs_alone(folder):
+    done = structid("run", "runs.toml", "--out", "out", "--executor", "processes:2", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert "12 runs on 1 record" in done.stdout and "12 done" in done.stdout
+    page = (folder / "out" / "report.html").read_text()
+    assert "All 12 runs are done" in page and page.count("<figure>") == 1
+    told = structid("runs", "out", cwd=folder)
+    assert told.returncode == 0 and "12 done" in told.stdout and "s a run (median)" in told.stdout
+    again = structid("report", "out", cwd=folder)
+    assert again.returncode == 0, again.stderr
+
+
+def test_failed_runs_are_shown_and_tried_again(folder):
+    solver = (folder / SOLVER).read_text()
+    broken = solver.replace(
+        '    stiffness = parameters["stiffness"]',
+        '    import pathlib\n    if parameters["hardening"] > 0.25 and not pathlib.Path(__file__).with_name("licence").exists():\n'
+        '        raise OSError("no licence")\n    stiffness = parameters["stiffness"]',
+    )
+    (folder / SOLVER).write_text(broken)
+    done = structid("run", "runs.toml", "--out", "out", cwd=folder)
+    assert done.returncode == 0
+    assert "6 done, 6 failed" in done.stdout and "6 x OSError: no licence" in done.stdout
+    told = structid("runs", "out", "--failed", cwd=folder)
+    assert told.stdout.count("(attempt 2): failed: OSError: no licence") == 6
+    assert told.stdout.count("kN/mm") == 6 and "hardening 0.2" in told.stdout
+    assert "6 of 12 runs are done" in (folder / "out" / "report.html").read_text()
+    (folder / "licence").touch()
+    again = structid("run", "runs.toml", "--out", "out", "--retry", cwd=folder)
+    assert again.returncode == 0, again.stderr
+    runs = si.open_runs(folder / "out" / "runs.h5")
+    assert runs.done.all() and sorted(runs.attempts) == [1] * 6 + [3] * 6
+
+
+def test_a_built_in_model_with_a_campaign_on_two_records(tmp_path):
+    text = cli.template("bouc_wen")
+    text = text[: text.index("[observation]")].replace(
+        'lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "5 s"]', 1
+    )
+    text += '[campaign]\nruns = 9\nchannels = ["velocity", "displacement"]\nmethod = "maximin"\n'
+    text += '[[campaign.records]]\nname = "other"\nsynthetic = { seed = 3, duration = 5 }\n'
+    (tmp_path / "s.toml").write_text(text)
+    runs = run_study(tmp_path / "s.toml", tmp_path / "out").runs
+    assert runs.channels == ("velocity", "displacement") and runs.done.all()
+    assert [len(runs.on(i)) for i in (0, 1)] == [5, 4] and runs.records[1].name == "other"
+
+
+CHANGES = {
+    "no such file": ('source = "external_solver.py"', 'source = "solver.py"', ["model.source", "no file", "solver.py"]),
+    "no such function": ('function = "respond"', 'function = "respnd"', ["model.function", "Did you mean 'respond'"]),
+    "a misspelt key": ('time_limit = "20 s"', 'time_limt = "20 s"', ["model.time_limt", "Did you mean 'time_limit'"]),
+    "a limit of nothing": ('time_limit = "20 s"', 'time_limit = "0 s"', ["model.time_limit"]),
+    "no channels": ('channels = ["velocity"]         # what it returns\n', "", ["model.channels", "missing"]),
+    "another unit": ('time_limit = "20 s"', 'time_limit = "20 m"', ["model.time_limit", "20 m"]),
+    "no runs": ("runs = 12", "runs = 0", ["campaign.runs"]),
+    "an unknown design": ('method = "latin_hypercube"', 'method = "grid"', ["campaign.method", "grid", "sobol"]),
+    "a parameter it does not have": (
+        'function = "respond" ',
+        'parameters = ["stifness"]\nfunction = "respond" ',
+        ["model.parameters", "Did you mean 'stiffness'"],
+    ),
+    "derivatives it does not have": (
+        "[sampler]",
+        '[deterministic]\nmethods = ["interior_point"]\n[sampler]',
+        ["deterministic.methods", "no derivatives", "pattern_search"],
+    ),
+    "an unknown kind": ('type = "python"', 'type = "pyhton"', ["model", "pyhton", "'program'"]),
+}
+
+
+@pytest.mark.parametrize("case", CHANGES)
+def test_a_wrong_study_says_what_and_where(case, folder):
+    old, new, words = CHANGES[case]
+    assert old in STUDY
+    (folder / "study.toml").write_text(STUDY.replace(old, new, 1))
+    with pytest.raises(InputError) as error:
+        run_study(folder / "study.toml", folder / "out")
+    message = str(error.value)
+    assert all(word in message for word in words), message
+    assert not (folder / "out").exists()
+
+
+def test_a_solver_that_cannot_be_imported(folder):
+    (folder / SOLVER).write_text("import no_such_library")
+    with pytest.raises(InputError, match=r"cannot be imported: ModuleNotFoundError.*no_such_library"):
+        load(folder / "study.toml")
+
+
+def test_neither_measured_nor_run(folder):
+    text = RUNS_ONLY[: RUNS_ONLY.index("[campaign]")]
+    (folder / "nothing.toml").write_text(text)
+    with pytest.raises(InputError, match=r"neither an \[observation\] nor a \[campaign\]"):
+        load(folder / "nothing.toml")
+
+
+def test_a_changed_solver_is_another_study(folder):
+    run_study(folder / "runs.toml", folder / "out")
+    (folder / SOLVER).write_text(cli.template(SOLVER).replace("0.03", "0.05"))
+    # The file is imported once in a process, so the change is seen by the next one.
+    refused = structid("run", "runs.toml", "--out", "out", "--resume", cwd=folder)
+    assert refused.returncode == 2 and "belongs to another study" in refused.stderr
+
+
+def test_a_program_in_a_study(folder):
+    (folder / "solver.py").write_text(
+        "import sys, numpy as np\nk, dt = map(float, sys.argv[1:3])\na = np.loadtxt('record.txt')\n"
+        "np.savetxt('out.txt', np.column_stack([np.arange(len(a)) * dt, a * k]), header='time velocity')\n"
+    )
+    text = RUNS_ONLY.replace(
+        RUNS_ONLY[RUNS_ONLY.index('type = "python"') : RUNS_ONLY.index("[parameters.stiffness]")],
+        f'type = "program"\ncommand = "{sys.executable} {{{{ folder }}}}/solver.py {{{{ stiffness | unit(\'kN/mm\') }}}} '
+        '{{ record.dt }}"\nrecord_file = "record.txt"\n[model.output]\npath = "out.txt"\n'
+        'columns = { velocity = "velocity" }\nunits = { velocity = "mm/s" }\ntime = 0\n\n',
+    )
+    (folder / "program.toml").write_text(text)
+    runs = run_study(folder / "program.toml", folder / "out", executor="processes").runs
+    assert runs.counts[Status.DONE] == 12, runs.reasons
+    expected = runs.design.values[3, 0] * 1e-6 * runs.records[0].values * 1e-3
+    np.testing.assert_allclose(runs.values[3, :, 0], expected, rtol=1e-12, atol=1e-18)
+    assert not list((folder / "out" / "scratch").iterdir())
+
+
+def test_the_cost_of_an_external_study_is_told(folder):
+    told = structid("check", "study.toml", cwd=folder)
+    assert told.returncode == 0, told.stderr
+    assert "Campaign: 12 model runs one after another" in told.stdout and "--executor" in told.stdout
+    assert "Sampling: 320 model runs" in told.stdout
+
+
+def test_new_writes_the_solver_too_and_never_over_one(tmp_path):
+    made = structid("new", "mine", "--like", "external", cwd=tmp_path)
+    assert made.returncode == 0 and {p.name for p in tmp_path.iterdir()} == {"mine.toml", SOLVER}
+    refused = structid("new", "second", "--like", "external", cwd=tmp_path)
+    assert refused.returncode == 2 and SOLVER in refused.stderr and not (tmp_path / "second.toml").exists()
