@@ -1,4 +1,4 @@
-"""Kill a campaign, its workers, its scheduler: nothing that was stored is lost or done again, and the file is that of an undisturbed run."""
+"""Kill a campaign, its workers, its scheduler: nothing stored is lost or done again, the file is that of an undisturbed run."""
 
 import os
 import random

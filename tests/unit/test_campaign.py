@@ -7,12 +7,13 @@ import resource
 import subprocess
 import sys
 import textwrap
+from pathlib import Path
 
 import numpy as np
 import pytest
-import solvers
 import xarray
 
+import solvers
 import structid as si
 from structid.campaign import store as stores
 from structid.campaign.executors import mapping
@@ -252,8 +253,8 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
             print(problem); sys.exit(7)
         """)
     )
-    tests = os.path.dirname(__file__)
-    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([tests, os.path.dirname(tests)]))
+    here = Path(__file__).parent
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(here), str(here.parent)]))
     path = tmp_path / "runs.h5"
     command = [sys.executable, str(script), str(path)]
     full = subprocess.run([*command, "40000"], capture_output=True, text=True, env=environment)
@@ -381,7 +382,7 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         if done == 3:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match="3 of 9 runs are stored. Run the same campaign again"):
+    with pytest.raises(KeyboardInterrupt, match=r"3 of 9 runs are stored\. Run the same campaign again"):
         si.Campaign(wave_model(), RECORD, SPACE.sample(9, seed=1), path).run(progress=interrupted)
     assert si.open_runs(path).done.sum() == 3
     assert si.Campaign(wave_model(), RECORD, SPACE.sample(9, seed=1), path).run().done.all()

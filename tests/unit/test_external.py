@@ -6,11 +6,12 @@ import subprocess
 import sys
 import textwrap
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
-import solvers
 
+import solvers
 import structid as si
 from structid.errors import InputError, Status
 from structid.models.external import attempt, packed
@@ -59,7 +60,7 @@ def test_a_run_in_the_calling_process_gives_the_same():
 
 def test_a_function_that_cannot_travel_is_told_so_at_once():
     lock = __import__("threading").Lock()
-    with pytest.raises(InputError, match="cannot be sent to another process.*isolated=False"):
+    with pytest.raises(InputError, match=r"cannot be sent to another process.*isolated=False"):
         outcomes(lambda p, r: lock and r.values, [1.0])
     assert outcomes(lambda p, r: lock and r.values, [1.0], isolated=False).done.all()
 
@@ -119,8 +120,7 @@ def test_nothing_is_left_when_the_owner_is_killed(tmp_path):
 
 def alive(pid):
     try:
-        with open(f"/proc/{pid}/stat") as file:
-            return file.read().split(")")[1].split()[0] != "Z"
+        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
     except FileNotFoundError:
         return False
 
