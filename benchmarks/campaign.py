@@ -58,7 +58,7 @@ def dask_client() -> Iterator[Any]:
     """Two workers of one thread each, as processes, over loopback TCP."""
     from distributed import Client, LocalCluster
 
-    settings = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": None}
+    settings = {"n_workers": 2, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
     with LocalCluster(silence_logs=50, **settings) as cluster, Client(cluster, set_as_default=False) as client:
         yield client
 
@@ -144,18 +144,21 @@ def time_overhead(quick: bool) -> dict[str, list[float]]:
 # --- the store ------------------------------------------------------------------------------------------------------
 
 STORE = """
-import resource, sys, time
+import re, sys, time
 sys.path.insert(0, {here!r})
 import campaign as c
 import structid as si
+from pathlib import Path
+def peak():  # of this process alone: ru_maxrss remembers its parent
+    return int(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text()).group(1)) / 1024
 runs, path = int(sys.argv[1]), sys.argv[2]
 model = si.CallableModel(c.instant, c.SPACE.names, ("velocity",), isolated=False)
 design = c.SPACE.sample(runs, seed=1)
 si.Campaign(model, c.RECORD, design[:50], path + ".warm").run()
-base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+base = peak()
 began = time.perf_counter()
 si.Campaign(model, c.RECORD, design, path).run()
-print(runs / (time.perf_counter() - began), base / 1024, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+print(runs / (time.perf_counter() - began), base, peak())
 """
 
 
@@ -197,23 +200,30 @@ def section(overhead: dict[str, list[float]], store: list[dict[str, float]]) -> 
         [name, f"{each:.2f}", f"{more:.2f}", f"{LIMITS[name]:g}" if name in LIMITS else "–"]
         for name, (each, more) in overhead.items()
     ]
-    written = [
-        [f"{r['runs']:,}", f"{r['rate']:.0f}", f"{r['base']:.0f}", f"{r['peak']:.0f}", f"{r['megabytes']:.0f}", f"{r['open']:.2f}",
-         f"{1e3 * r['one']:.0f}"]
-        for r in store
-    ]  # fmt: skip
+    formats = {
+        "runs": ",.0f",
+        "rate": ".0f",
+        "base": ".0f",
+        "peak": ".0f",
+        "megabytes": ".0f",
+        "open": ".2f",
+        "one": ".4f",
+    }
+    written = [[format(row[key], form) for key, form in formats.items()] for row in store]
+    heads = ["runs", "runs/s", "peak memory after 50 [MB]", "after all [MB]", "file [MB]", "open [s]", "read one [s]"]
     return f"""## Campaigns
 
 `benchmarks/campaign.py`. {common.machine("distributed", "joblib", "h5py")}.
 
-An instant solver that returns {SAMPLES} samples: what is left is the campaign's own cost. Ours run guarded (a solver may hang or crash)
-and stored (fsync before the next result is awaited, then one compressed file); the peers do neither.
+An instant solver that returns {SAMPLES} samples: what is left is the campaign's own cost. Ours run guarded (a solver may hang or
+crash) and stored (fsync before the next result is awaited, then one compressed file); the peers do neither.
 
 {common.markdown_table(["who", f"ms a run, {RUNS} runs with the start", "ms a further run", "limit"], told)}
 
-Stores of histories of {SAMPLES} samples, written by a process of its own in the calling thread; limits {RATE_LIMIT:.0f} runs/s, {OPEN_LIMIT:g} s to open:
+Stores of histories of {SAMPLES} samples, written by a process of its own in the calling thread; limits {RATE_LIMIT:.0f} runs/s and
+{OPEN_LIMIT:g} s to open:
 
-{common.markdown_table(["runs", "runs/s", "peak memory after 50 runs [MB]", "after all [MB]", "file [MB]", "open [s]", "one history [ms]"], written)}
+{common.markdown_table(heads, written)}
 """
 
 

@@ -1,12 +1,17 @@
 """Every example runs."""
 
 import importlib.util
+import shutil
+import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from structid.study.run import load
+import structid as si
+from structid.study.run import load, run_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TESTED = {
@@ -26,8 +31,12 @@ def imported(name):
     return module
 
 
+FOLDERS = {"c_solver", "opensees_oscillator"}
+
+
 def test_no_example_is_forgotten():
     assert {p.name for p in EXAMPLES.iterdir() if p.is_file()} == TESTED
+    assert {p.name for p in EXAMPLES.iterdir() if p.is_dir() and p.name != "__pycache__"} == FOLDERS
 
 
 @pytest.mark.parametrize(("name", "limit"), [("FD_PG1_Almeida2012.csv", 0.10), ("FD_T11_Faella1992.csv", 0.12)])
@@ -54,3 +63,40 @@ def test_the_readme_script_runs(tmp_path, monkeypatch):
 def test_the_linear_limit_matches_duhamel(tmp_path):
     assert imported("linear_limit").main(tmp_path / "linear") < 2e-4
     assert (tmp_path / "linear.png").stat().st_size > 10_000
+
+
+def copied(name, tmp_path, runs=16):
+    """A folder of an example, its campaign made small."""
+    folder = tmp_path / name
+    shutil.copytree(EXAMPLES / name, folder, ignore=shutil.ignore_patterns("out", "__pycache__"))
+    study = folder / "study.toml"
+    study.write_text(study.read_text().replace("runs = 200", f"runs = {runs}"))
+    return folder
+
+
+def built_in(runs):
+    """What our own oscillator responds at the same points."""
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=runs.design.names, substeps=3)
+    return model.simulate(runs.design.values, runs.records[0])
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_the_solver_in_c_is_compiled_and_agrees_with_ours(tmp_path):
+    folder = copied("c_solver", tmp_path)
+    subprocess.run(["make", "oscillator"], cwd=folder, check=True, capture_output=True)
+    runs = run_study(folder / "study.toml", tmp_path / "out", executor="processes").runs
+    assert runs.done.all(), runs.reasons
+    space = si.ParameterSpace(**runs.design.space.marginals)
+    ours = built_in(replace(runs, design=si.Design(runs.design.values, space)))
+    np.testing.assert_allclose(runs.values, ours.values, rtol=0, atol=1e-9 * np.abs(ours.values).max())
+
+
+def test_the_opensees_model_runs_and_is_near_ours(tmp_path):
+    pytest.importorskip("openseespy.opensees", reason="OpenSeesPy is not here, or cannot be loaded")
+    runs = run_study(
+        copied("opensees_oscillator", tmp_path, 6) / "study.toml", tmp_path / "out", executor="processes"
+    ).runs
+    assert runs.done.all(), runs.reasons
+    # Its material integrates z by backward Euler: of first order in the step, so near and not equal.
+    difference = runs.values - built_in(runs).values
+    assert np.sqrt((difference**2).mean() / (runs.values**2).mean()) < 0.15
