@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import io
 import json
@@ -208,7 +209,10 @@ def digest(*parts: Any) -> str:
 
 
 def function_identity(function: Any) -> str:
-    """Hash of what a function does, as far as it can be told: its code, defaults and what it closes over.
+    """Hash of what a function does, as far as it can be told.
+
+    Its code, its defaults, what it closes over, and what it uses of its own module: other functions and classes there,
+    likewise, and numbers, texts and arrays. What it imports from elsewhere counts by name only.
 
     Parameters
     ----------
@@ -220,29 +224,58 @@ def function_identity(function: Any) -> str:
     str
         The same in every process; nothing of it depends on where the function lies in memory.
     """
-    code = getattr(function, "__code__", None)
-    if code is None:
-        return digest(getattr(function, "__qualname__", type(function).__qualname__))
-    closure = [_plain(cell.cell_contents) for cell in getattr(function, "__closure__", None) or ()]
-    defaults = [_plain(v) for v in (function.__defaults__ or ())]
-    keywords = {k: _plain(v) for k, v in (function.__kwdefaults__ or {}).items()}
-    return digest(_plain(code), closure, defaults, keywords)
+    return digest(_described(function, set()))
 
 
-def _plain(value: Any) -> Any:
-    """Something JSON can say that stands for a value."""
-    if isinstance(value, types.CodeType):
-        constants = [_plain(c) for c in value.co_consts]
-        return [value.co_code.hex(), constants, list(value.co_names), list(value.co_varnames)]
+def _described(value: Any, seen: set[int]) -> Any:
+    """Something JSON can say that stands for a value; `seen` ends recursions."""
     if isinstance(value, (str, int, float, bool, type(None))):
         return value
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [_plain(v) for v in value]
+    if isinstance(value, (types.FunctionType, types.MethodType, type)):
+        if id(value) in seen:
+            return value.__qualname__
+        seen = seen | {id(value)}
+    if isinstance(value, types.FunctionType):
+        return _described_function(value, seen)
+    if isinstance(value, types.MethodType):
+        return [_described(value.__func__, seen), _described(value.__self__, seen)]
+    if isinstance(value, type):
+        members = {k: v for k, v in vars(value).items() if isinstance(v, (types.FunctionType, str, int, float, tuple))}
+        return [value.__qualname__, {k: _described(v, seen) for k, v in sorted(members.items()) if k != "__module__"}]
+    if isinstance(value, types.CodeType):
+        constants = [_described(c, seen) for c in value.co_consts]
+        return [value.co_code.hex(), constants, list(value.co_names), list(value.co_varnames)]
+    if isinstance(value, functools.partial):
+        return [_described(part, seen) for part in (value.func, value.args, value.keywords)]
+    if isinstance(value, (list, tuple)):
+        return [_described(v, seen) for v in value]
+    if isinstance(value, (set, frozenset)):
+        return sorted((_described(v, seen) for v in value), key=repr)
     if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if hasattr(value, "__array__"):
+        return {str(k): _described(v, seen) for k, v in value.items()}
+    if isinstance(value, (np.ndarray, np.generic)):
         return digest(np.asarray(value))
-    return function_identity(value) if callable(value) else type(value).__qualname__
+    if isinstance(value, types.ModuleType):
+        return value.__name__
+    return getattr(value, "__qualname__", type(value).__qualname__)
+
+
+def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
+    home = function.__globals__
+    used = {name: home[name] for name in sorted(_names_in(function.__code__)) if name in home}
+    own = {name: v for name, v in used.items() if getattr(v, "__module__", home["__name__"]) == home["__name__"]}
+    foreign = {name: getattr(v, "__qualname__", type(v).__qualname__) for name, v in used.items() if name not in own}
+    closure = [_described(cell.cell_contents, seen) for cell in function.__closure__ or ()]
+    defaults = [_described(v, seen) for v in (function.__defaults__ or ())]
+    keywords = {k: _described(v, seen) for k, v in (function.__kwdefaults__ or {}).items()}
+    globals_used = {name: _described(v, seen) for name, v in own.items()}
+    return [_described(function.__code__, seen), closure, defaults, keywords, globals_used, foreign]
+
+
+def _names_in(code: types.CodeType) -> set[str]:
+    """Global names a piece of code may use, those of functions inside it included."""
+    inner = [_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)]
+    return set(code.co_names).union(*inner)
 
 
 def _frame(payload: bytes) -> bytes:

@@ -58,3 +58,34 @@ def test_a_foreign_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="not a structid journal"):
         Journal(tmp_path / "j", {})
     assert (tmp_path / "j").read_text() == "my thesis"
+
+
+def test_a_functions_identity_knows_what_it_uses_of_its_module(tmp_path):
+    import importlib.util
+
+    from structid.journal import function_identity
+
+    def loaded(text):
+        path = tmp_path / "solver.py"
+        path.write_text(text)
+        spec = importlib.util.spec_from_file_location("solver", path)
+        module = importlib.util.module_from_spec(spec)
+        exec(compile(text, str(path), "exec"), module.__dict__)
+        return function_identity(module.respond)
+
+    text = (
+        "import numpy as np\nMASS = 3.0\nTABLE = np.arange(4.0)\nclass Law:\n    k = 2\n    def f(self, x): return self.k * x\n"
+        "def helper(x):\n    return MASS * x + recurse(0)\ndef recurse(n):\n    return 0 if n < 1 else helper(n)\n"
+        "def respond(p, r):\n    return [Law().f(helper(TABLE[0])) for _ in range(3)]\n"
+    )
+    same = loaded(text)
+    assert loaded("# a comment\n" + text + "UNUSED = 1\n") == same
+    for old, new in (
+        ("3.0", "3.5"),
+        ("4.0", "5.0"),
+        ("k = 2", "k = 4"),
+        ("n < 1", "n < 2"),
+        ("self.k * x", "self.k + x"),
+        ("range(3)", "range(4)"),
+    ):
+        assert old in text and loaded(text.replace(old, new, 1)) != same, old

@@ -372,8 +372,8 @@ def _journalled(journal: Journal) -> Iterator[dict[str, Row]]:
 
 
 def _rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
-    told = json.loads(str(entry["told"]))
-    return {row[0]: Row(*row, source, position) for position, row in enumerate(told)}
+    told: list[list[Any]] = json.loads(str(entry["told"]))
+    return {row[0]: Row(*row[:7], source=source, position=position) for position, row in enumerate(told)}
 
 
 def _pending(key: str) -> Row:

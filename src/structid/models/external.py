@@ -105,6 +105,9 @@ class ExternalModel(Model):
     isolated : bool
         Run in a child process, which can be killed and may crash. Without it a run happens in the calling process: easier to
         debug, and for functions that cannot be sent to another process; there is no time limit then.
+    version : str
+        Change it when something changes that `content_hash` cannot see, such as a library the solver calls: stored runs of another
+        version are not taken for this one's.
     """
 
     def __init__(
@@ -113,7 +116,9 @@ class ExternalModel(Model):
         channels: Sequence[str],
         time_limit: float | None = None,
         isolated: bool = True,
+        version: str = "",
     ) -> None:
+        self.version = version
         self.free = (free,) if isinstance(free, str) else tuple(free)
         self.channels = (channels,) if isinstance(channels, str) else tuple(channels)
         if len(set(self.channels)) < len(self.channels) or not self.channels:
@@ -421,11 +426,8 @@ class CallableModel(ExternalModel):
         As for `ExternalModel`.
     time_limit : float, optional
         Seconds a run may take.
-    isolated : bool
-        See `ExternalModel`.
-    version : str
-        Change it when something changes that the function's own code does not show, such as the solver it calls: stored runs of
-        another version are not taken for this one's.
+    isolated, version
+        See `ExternalModel`. What the function's code, and what it uses of its own module, says counts in any case.
 
     Examples
     --------
@@ -447,10 +449,10 @@ class CallableModel(ExternalModel):
         isolated: bool = True,
         version: str = "",
     ) -> None:
-        super().__init__(free, channels, time_limit, isolated)
+        super().__init__(free, channels, time_limit, isolated, version)
         if not callable(function):
             raise InputError("CallableModel.function", f"{function!r}", "a function of (parameters, record)")
-        self.function, self.version = function, version
+        self.function = function
         self._seeded = "seed" in _argument_names(function)
 
     def solve(self, task: Task, excitation: Excitation) -> Any:

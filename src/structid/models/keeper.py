@@ -203,9 +203,11 @@ def ended_by(code: int) -> str:
     return f"killed by signal {-code}"
 
 
-if __name__ == "__main__":
-    threading.Thread(target=die_with_the_owner, args=(int(sys.argv[2]),), daemon=True).start()
+def main() -> None:
+    """Be a keeper: the arguments are the sockets' and the lifeline's file descriptors."""
+    channel, lifeline = (int(word) for word in sys.argv[1:3])
+    threading.Thread(target=die_with_the_owner, args=(lifeline,), daemon=True).start()
     # What takes a second is imported here, once; every runner inherits it.
     import structid.models.external  # noqa: F401
 
-    Keeper(Connection(int(sys.argv[1])), int(sys.argv[2])).serve()
+    Keeper(Connection(channel), lifeline).serve()

@@ -91,6 +91,8 @@ class ProgramModel(ExternalModel):
         Further environment variables.
     time_limit : float, optional
         Seconds a run may take.
+    version : str
+        See `ExternalModel`; of a program that does not lie in `folder`, whose content is not seen.
     """
 
     def __init__(
@@ -107,8 +109,9 @@ class ProgramModel(ExternalModel):
         keep: str = "failed",
         environment: Mapping[str, str] | None = None,
         time_limit: float | None = None,
+        version: str = "",
     ) -> None:
-        super().__init__(free, tuple(output.columns), time_limit)
+        super().__init__(free, tuple(output.columns), time_limit, version=version)
         if keep not in ("failed", "all", "none"):
             raise InputError("ProgramModel.keep", f"'{keep}'", "'failed', 'all' or 'none'")
         self.folder = Path(folder).resolve()
@@ -157,7 +160,7 @@ class ProgramModel(ExternalModel):
         output = [self.output.file, dict(self.output.columns), dict(self.output.units), self.output.time]
         return digest(
             "program", self.command, self.templates, self.constants, self.environment, self.free, output, self.record_file,
-            contents,
+            contents, self.version,
         )  # fmt: skip
 
     def solve(self, task: Task, excitation: Excitation) -> np.ndarray:
@@ -298,7 +301,7 @@ def _read_text(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
     for number, line in enumerate(lines, start=1):
         words = [w.strip() for w in re.split(r"[,;\s]+" if "," not in line else ",", line.strip().lstrip("#").strip())]
         try:
-            rows.append([float(w) for w in words])
+            rows.append([_number(w) for w in words])
         except ValueError:
             if rows:
                 raise SolverError(f"line {number} of '{path.name}' is no row of numbers: {line[:80]!r}", None) from None
@@ -313,6 +316,13 @@ def _read_text(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
         raise SolverError(f"row {odd + 1} of '{path.name}' has {len(rows[odd])} columns, the first has {len(rows[0])}")
     table = np.array(rows)
     return [table[:, _column(key, header, table.shape[1], path.name)] for key in wanted]
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return float(word.upper().replace("D", "E"))  # Fortran's 0.1D+02
 
 
 def _column(key: int | str, header: list[str], width: int, name: str) -> int:

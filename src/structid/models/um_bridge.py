@@ -38,6 +38,8 @@ class UMBridgeModel(ExternalModel):
         Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that takes any.
     time_limit : float, optional
         Seconds a run may take.
+    version : str
+        See `ExternalModel`; of what the server does.
     """
 
     def __init__(
@@ -49,8 +51,9 @@ class UMBridgeModel(ExternalModel):
         config: Mapping[str, Any] | None = None,
         send_record: bool = False,
         time_limit: float | None = None,
+        version: str = "",
     ) -> None:
-        super().__init__(free, channels, time_limit)
+        super().__init__(free, channels, time_limit, version=version)
         self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
 
     def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
@@ -94,7 +97,9 @@ class UMBridgeModel(ExternalModel):
     @functools.cached_property
     def content_hash(self) -> str:
         """Hash of address, name, configuration and names; what the server does with them is its own affair."""
-        return digest("um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels)
+        return digest(
+            "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
+        )
 
     def __repr__(self) -> str:
         return f"UMBridgeModel({self.url}, {self.name}: {', '.join(self.free)} -> {', '.join(self.channels)})"

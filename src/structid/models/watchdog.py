@@ -7,6 +7,7 @@ program or a worker of a cluster, owns a keeper (`models/keeper.py`), started an
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import pickle
 import signal
@@ -33,6 +34,10 @@ _ONE_THREAD = {
     "JAX_NUM_CPU_DEVICES": "1",
     "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
 }
+
+
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.models.keeper import main; main()"
+"""The keeper finds what its owner finds. Not by PYTHONPATH: programs that a solver starts must not inherit it."""
 
 
 class CallTimeoutError(Exception):
@@ -152,12 +157,13 @@ class Watchdog:
         ours, theirs = socket.socketpair()
         read_end, write_end = os.pipe()
         voice = _nameless_file()
+        search_path = [folder or str(Path.cwd()) for folder in sys.path]
         process = subprocess.Popen(
-            [sys.executable, "-m", "structid.models.keeper", str(theirs.fileno()), str(read_end)],
+            [sys.executable, "-c", _START, json.dumps(search_path), str(theirs.fileno()), str(read_end)],
             stdin=subprocess.DEVNULL,
             stdout=voice,
             stderr=voice,
-            env={**os.environ, **_ONE_THREAD, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)},
+            env={**os.environ, **_ONE_THREAD},
             pass_fds=(theirs.fileno(), read_end),
             start_new_session=True,  # out of the reach of the terminal's Ctrl-C
         )

@@ -11,7 +11,6 @@ from typing import Any
 import cloudpickle
 
 from structid.errors import InputError, suggestion
-from structid.journal import digest
 from structid.models.external import CallableModel, ExternalModel
 from structid.models.program import OutputFile, ProgramModel
 from structid.models.um_bridge import UMBridgeModel
@@ -53,7 +52,14 @@ def external_model(section: ExternalSection, space: ParameterSpace, folder: Path
         return _program(section, free, folder)
     assert isinstance(section, UMBridgeSection)
     return UMBridgeModel(
-        section.url, free, section.channels, section.model, section.config, section.send_record, section.time_limit
+        section.url,
+        free,
+        section.channels,
+        section.model,
+        section.config,
+        section.send_record,
+        section.time_limit,
+        section.version,
     )
 
 
@@ -71,10 +77,7 @@ def _python(section: PythonSection, free: tuple[str, ...], folder: Path) -> Call
             "key 'model.function'", f"{path.name} has no function '{section.function}'", ", ".join(known) or "a function",
             suggestion(section.function, known),
         )  # fmt: skip
-    # The whole file counts: what the function calls beside itself is in it.
-    return CallableModel(
-        function, free, section.channels, section.time_limit, version=digest(path.read_bytes().hex(), section.function)
-    )
+    return CallableModel(function, free, section.channels, section.time_limit, version=section.version)
 
 
 @functools.cache
@@ -114,4 +117,5 @@ def _program(section: ProgramSection, free: tuple[str, ...], folder: Path) -> Pr
         keep=section.keep,
         environment=section.environment,
         time_limit=section.time_limit,
+        version=section.version,
     )

@@ -157,6 +157,7 @@ class ExternalSection(Section):
     channels: tuple[str, ...]
     parameters: tuple[str, ...] | None = None
     time_limit: Annotated[Seconds, Field(gt=0)] | None = None
+    version: str = ""
 
 
 class PythonSection(ExternalSection):
