@@ -372,8 +372,11 @@ def _journalled(journal: Journal) -> Iterator[dict[str, Row]]:
 
 
 def _rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
-    told: list[list[Any]] = json.loads(str(entry["told"]))
-    return {row[0]: Row(*row[:7], source=source, position=position) for position, row in enumerate(told)}
+    rows = {}
+    for position, told in enumerate(json.loads(str(entry["told"]))):
+        key, status, reason, failure_time, seconds, attempts, finished = told
+        rows[key] = Row(key, status, reason, failure_time, seconds, attempts, finished, source, position)
+    return rows
 
 
 def _pending(key: str) -> Row:
