@@ -5,9 +5,12 @@ from __future__ import annotations
 import contextlib
 import os
 import queue
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ThreadPoolExecutor
 from typing import Any
+
+import numpy as np
 
 from structid.errors import CampaignStoppedError, InputError
 from structid.models import external
@@ -15,6 +18,9 @@ from structid.models.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
 """Seconds a scheduler may take to answer."""
+
+RECOUNT = 1.0
+"""Seconds after which a cluster's workers are counted again: they come and go."""
 
 ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concurrent.futures.Executor or a dask Client"
 
@@ -230,8 +236,13 @@ def _connected(address: str) -> Any:
 
 
 def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
+    asked, threads = -np.inf, 0
+
     def workers() -> int:
-        return sum(worker["nthreads"] for worker in client.scheduler_info(n_workers=-1)["workers"].values())
+        nonlocal asked, threads
+        if time.monotonic() > asked + RECOUNT:  # a question to the scheduler costs as much as a run
+            asked, threads = time.monotonic(), sum(client.nthreads().values())
+        return threads
 
     def check() -> None:
         if client.status != "running":
