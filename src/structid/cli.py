@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.metadata
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from structid.errors import InputError, StructidError
+from structid.errors import CampaignStoppedError, InputError, StructidError
 
 if TYPE_CHECKING:
     from structid.runs import Runs
@@ -55,6 +57,16 @@ def template(name: str) -> str:
     return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")
 
 
+@app.callback(invoke_without_command=True)
+def about(
+    version: Annotated[bool, typer.Option("--version", help="Say the version.", is_eager=True)] = False,
+) -> None:
+    """Bayesian structural identification: from a measured response history to a posterior one can trust."""
+    if version:
+        screen.print(importlib.metadata.version("structid"))
+        raise typer.Exit(DONE)
+
+
 @app.command()
 def demo(
     out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("demo"),
@@ -77,11 +89,15 @@ def run(
         ),
     ] = "serial",
     retry: Annotated[
-        bool, typer.Option("--retry", help="Do again what failed or timed out before; implies --resume.")
+        bool, typer.Option("--retry", help="Do again what failed, timed out or diverged; implies --resume.")
+    ] = False,
+    adopt: Annotated[
+        bool,
+        typer.Option("--adopt", help="Keep the true runs although the solver has changed since; implies --resume."),
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
-    _run(study, out, resume, executor, retry)
+    _run(study, out, resume, executor, retry, adopt)
 
 
 @app.command()
@@ -110,20 +126,23 @@ def report(folder: Annotated[Path, typer.Argument(help="A folder that structid r
 def runs(
     folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled, or a file of runs.")],
     failed: Annotated[bool, typer.Option("--failed", help="Show every run that failed, with its parameters.")] = False,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="With all the solver last said, not its last line alone.")
+    ] = False,
 ) -> None:
     """Say how the true runs of a study stand: counts, failures by reason, rates."""
     from structid.campaign.store import open_runs
+    from structid.study.cost import duration
 
-    found = open_runs(folder / "runs.h5" if folder.is_dir() else folder)
+    found = open_runs(folder)
     screen.print(str(found), markup=False, soft_wrap=True)
     seconds = found.seconds[found.seconds > 0]
     if seconds.size:
         median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
-        screen.print(
-            f"  {median:.3g} s a run (median), {longest:.3g} s at most, {seconds.sum() / 3600:.3g} h of solver time in all"
-        )
+        total = duration(seconds.sum())
+        screen.print(f"  {median:.3g} s a run (median), {longest:.3g} s at most, {total} of solver time in all")
     if failed:
-        _list_failed(found)
+        _list_failed(found, whole)
 
 
 @app.command()
@@ -218,12 +237,14 @@ def stage(name: str) -> Iterator[Any]:
         bar.update(task, completed=total, total=total)
 
 
-def _run(study: Path, out: Path, resume: bool, executor: str = "serial", retry: bool = False) -> None:
+def _run(
+    study: Path, out: Path, resume: bool, executor: str = "serial", retry: bool = False, adopt: bool = False
+) -> None:
     from structid.study.run import run_study
 
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     try:
-        outcome = run_study(study, out, resume, stage, executor, retry)
+        outcome = run_study(study, out, resume, stage, executor, retry, adopt)
     except KeyboardInterrupt:
         errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
         raise typer.Exit(FAILED) from None
@@ -236,8 +257,9 @@ def _describe(built: BuiltStudy) -> None:
     screen.print(repr(built.space), markup=False)
 
 
-def _list_failed(found: Runs) -> None:
+def _list_failed(found: Runs, whole: bool) -> None:
     from structid.errors import Status
+    from structid.runs import short_reason
 
     factors, units = found.design.space.factors, found.design.space.units.values()
     for i in range(len(found)):
@@ -248,9 +270,8 @@ def _list_failed(found: Runs) -> None:
                 for n, v, u in zip(found.design.names, found.design.values[i] / factors, units, strict=True)
             )
             times = f" (attempt {found.attempts[i]})" if found.attempts[i] > 1 else ""
-            screen.print(
-                f"run {i}{times}: {status.words}: {found.reasons[i]}\n    {point}", markup=False, soft_wrap=True
-            )
+            reason = found.reasons[i] if whole else short_reason(found.reasons[i])
+            screen.print(f"run {i}{times}: {status.words}: {reason}\n    {point}", markup=False, soft_wrap=True)
 
 
 def _finish(outcome: Outcome) -> None:
@@ -261,6 +282,8 @@ def _finish(outcome: Outcome) -> None:
         screen.print()
     if outcome.result is None:
         screen.print(f"Report: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+        if outcome.runs is not None and not outcome.runs.done.any():
+            raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
         return
     screen.print(str(outcome.result.summary()), markup=False, soft_wrap=True)
     screen.print()
@@ -271,8 +294,14 @@ def _finish(outcome: Outcome) -> None:
         raise typer.Exit(NOT_CONVERGED)
 
 
+def _stopped_by_the_system(number: int, frame: Any) -> None:
+    """Treat a polite kill, as batch systems send it, like Ctrl-C."""
+    raise KeyboardInterrupt
+
+
 def main() -> None:
     """Run the command line; a user's mistake is one paragraph and exit code 2."""
+    signal.signal(signal.SIGTERM, _stopped_by_the_system)
     try:
         # Without its standalone mode typer returns the exit code and lets errors through.
         sys.exit(app(standalone_mode=False) or DONE)

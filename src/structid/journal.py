@@ -7,8 +7,10 @@ import hashlib
 import io
 import json
 import os
+import shutil
 import struct
 import types
+import warnings
 import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -72,7 +74,24 @@ class Journal:
             end = file.tell()
             while _read_frame(file) is not None:
                 end = file.tell()
+            self._keep_what_follows(file, end)
         return end
+
+    def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
+        """Copy a journal that is damaged in its middle: what a kill tears is the last entry alone, so entries would be lost."""
+        file.seek(end)
+        head = file.read(_FRAME.size)
+        if len(head) < _FRAME.size:
+            return
+        length, _ = _FRAME.unpack(head)
+        if length == 0 or length >= self.path.stat().st_size - end - _FRAME.size:
+            return
+        copy = self.path.with_name(self.path.name + ".damaged")
+        shutil.copyfile(self.path, copy)
+        warnings.warn(
+            f"{self.path} is damaged at byte {end}; entries after that are not read. They are kept in {copy}.",
+            stacklevel=4,
+        )
 
     @property
     def size(self) -> int:
@@ -174,16 +193,33 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
     StoreMismatchError
         If they differ.
     """
-    expected = json.loads(json.dumps(dict(expected)))
-    differing = sorted(k for k in {*found, *expected} if found.get(k) != expected.get(k))
+    differing = differences(found, expected)
     if differing:
         what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
+        solver = " To keep the runs of an earlier version of the solver: --adopt." if differing == ["model"] else ""
         raise StoreMismatchError(
             f"store {path}",
             f"it belongs to another study: {what}",
             "a store of this very study, or a new file",
-            "Name another store or folder, or move this one away; it has not been touched.",
+            f"Name another store or folder, or move this one away; it has not been touched.{solver}",
         )
+
+
+def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
+    """Say in which keys two identities differ.
+
+    Parameters
+    ----------
+    found, expected : mapping
+        The identities.
+
+    Returns
+    -------
+    list of str
+        The keys, sorted.
+    """
+    plain = json.loads(json.dumps(dict(expected)))
+    return sorted(k for k in {*found, *plain} if found.get(k) != plain.get(k))
 
 
 def digest(*parts: Any) -> str:
@@ -231,17 +267,18 @@ def _described(value: Any, seen: set[int]) -> Any:
     """Something JSON can say that stands for a value; `seen` ends recursions."""
     if isinstance(value, (str, int, float, bool, type(None))):
         return value
-    if isinstance(value, (types.FunctionType, types.MethodType, type)):
-        if id(value) in seen:
-            return value.__qualname__
-        seen = seen | {id(value)}
+    if isinstance(value, (bytes, complex)):
+        return repr(value)
+    if id(value) in seen:
+        return getattr(value, "__qualname__", type(value).__qualname__)
+    seen = seen | {id(value)}
     if isinstance(value, types.FunctionType):
         return _described_function(value, seen)
     if isinstance(value, types.MethodType):
         return [_described(value.__func__, seen), _described(value.__self__, seen)]
     if isinstance(value, type):
-        members = {k: v for k, v in vars(value).items() if isinstance(v, (types.FunctionType, str, int, float, tuple))}
-        return [value.__qualname__, {k: _described(v, seen) for k, v in sorted(members.items()) if k != "__module__"}]
+        members = {k: v for k, v in vars(value).items() if k not in _NOT_BEHAVIOUR}
+        return [value.__qualname__, {k: _described(v, seen) for k, v in sorted(members.items())}]
     if isinstance(value, types.CodeType):
         constants = [_described(c, seen) for c in value.co_consts]
         return [value.co_code.hex(), constants, list(value.co_names), list(value.co_varnames)]
@@ -257,7 +294,41 @@ def _described(value: Any, seen: set[int]) -> Any:
         return digest(np.asarray(value))
     if isinstance(value, types.ModuleType):
         return value.__name__
-    return getattr(value, "__qualname__", type(value).__qualname__)
+    return _described_object(value, seen)
+
+
+_NOT_BEHAVIOUR = (
+    "__module__",
+    "__doc__",
+    "__dict__",
+    "__weakref__",
+    "__qualname__",
+    "__firstlineno__",
+    "__static_attributes__",
+)
+"""Members of a class that say nothing of what it does."""
+
+
+def _described_object(value: Any, seen: set[int]) -> Any:
+    """Say what an object is and holds; one that knows better says it by ``identity``."""
+    own = getattr(value, "identity", None)
+    if isinstance(own, str):
+        return own
+    if isinstance(value, property):
+        return [_described(f, seen) for f in (value.fget, value.fset)]
+    inner = next((getattr(value, n) for n in ("__wrapped__", "py_func", "__func__") if hasattr(value, n)), None)
+    if inner is not None:  # a decorated function
+        return [type(value).__qualname__, _described(inner, seen)]
+    if isinstance(value, (types.BuiltinFunctionType, types.MethodDescriptorType, np.ufunc)):
+        return getattr(value, "__qualname__", getattr(value, "__name__", ""))
+    state = dict(getattr(value, "__dict__", {}))
+    for kind in type(value).__mro__:
+        slots = getattr(kind, "__slots__", ())
+        for name in (slots,) if isinstance(slots, str) else slots:
+            if hasattr(value, name):
+                state[name] = getattr(value, name)
+    described = {k: _described(v, seen) for k, v in sorted(state.items())}
+    return [_described(type(value), seen) if "__call__" in vars(type(value)) else type(value).__qualname__, described]
 
 
 def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
@@ -287,5 +358,10 @@ def _read_frame(file: io.BufferedReader) -> bytes | None:
     if len(head) < _FRAME.size:
         return None
     length, checksum = _FRAME.unpack(head)
+    here = file.tell()
+    # A power cut may leave zeros, or half a length.
+    if length == 0 or length > file.seek(0, os.SEEK_END) - here:
+        return None
+    file.seek(here)
     payload = file.read(length)
     return payload if len(payload) == length and zlib.crc32(payload) == checksum else None

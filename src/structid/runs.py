@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from structid.errors import InputError, Status
+from structid.errors import InputError, Status, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories, display_unit
 from structid.probability.space import Design
@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 
 
 _PLACE = re.compile(r" \[kept: [^\]]*\]")
-_NUMBER = re.compile(r"(?<!exit code )(?<!signal )(?<!line )(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?!\w)")
+_NUMBER = re.compile(
+    r"(?<!within )(?<![\w.])[-+]?(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?!\w)|(?<=returned )\d+|(?<=from )\d+(?= s on)"
+)
 
 
 class Values(Protocol):
@@ -188,6 +190,21 @@ class Runs:
     def values(self) -> np.ndarray:
         """All histories in memory, shape (run, time, channel)."""
         return self.stored.read(np.arange(len(self)))
+
+    def channel(self, name: str) -> np.ndarray:
+        """Bring one channel of every run into memory.
+
+        Parameters
+        ----------
+        name : str
+            The channel.
+
+        Returns
+        -------
+        ndarray, shape (run, time)
+            In SI.
+        """
+        return self.values[:, :, self.channels.index(check_choice("channel", name, self.channels))]
 
     def __getitem__(self, rows: Any) -> Runs:
         """Some of the runs, in the order asked for; nothing is read."""
@@ -375,11 +392,29 @@ def general_reason(reason: str) -> str:
     Returns
     -------
     str
-        ``"not finite from … s on"``, one line of at most 100 characters.
+        ``"not finite from … s on"``, one line.
     """
-    text = _PLACE.sub("", reason).split("\n")[0]
-    text = _NUMBER.sub("…", text)
-    return text if len(text) <= 100 else text[:99] + "…"
+    return _NUMBER.sub("…", short_reason(_PLACE.sub("", reason)))
+
+
+def short_reason(reason: str) -> str:
+    """Put a reason on one line: how the run ended, and the last line the solver said.
+
+    Parameters
+    ----------
+    reason : str
+        Up to a page of it.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    place = _PLACE.search(reason)
+    how, said, words = _PLACE.sub("", reason).partition("; it last said: ")
+    lines = [line.strip() for line in words.splitlines() if line.strip()]
+    text = how.split("\n")[0] + (said + lines[-1] if lines else "")
+    return (text if len(text) <= 160 else text[:159] + "…") + (place.group() if place else "")
 
 
 def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> np.ndarray:

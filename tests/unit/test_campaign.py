@@ -218,7 +218,7 @@ def test_files_that_are_no_stores(tmp_path):
     with pytest.raises(InputError, match="holds no runs"):
         si.Campaign(wave_model(), RECORD, SPACE.sample(2, seed=1), tmp_path / "thesis.h5").run()
     assert (tmp_path / "thesis.h5").read_text() == "my thesis"
-    with pytest.raises(InputError, match="holds no runs"):
+    with pytest.raises(InputError, match="no such store"):
         si.open_runs(tmp_path / "nowhere.h5")
 
 
@@ -394,11 +394,11 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
         ("not finite from 3.41 s on", "not finite from … s on"),
         ("exit code 3; it last said: zero pivot 1.2e-5 in row 17 [kept: /tmp/x/run-1]", None),
         ("killed by signal 11 (SIGSEGV)", "killed by signal 11 (SIGSEGV)"),
-        ("it returned 393 rows; wanted 400 rows of v2", "it returned … rows; wanted … rows of v2"),
+        ("it returned 393 rows; wanted 400 rows of v2", "it returned … rows; wanted 400 rows of v2"),
     ],
 )
 def test_reasons_are_counted_by_kind(reason, general):
-    assert general_reason(reason) == (general or "exit code 3; it last said: zero pivot … in row …")
+    assert general_reason(reason) == (general or "exit code 3; it last said: zero pivot … in row 17")
 
 
 def test_a_space_comes_back_from_its_plain_words(study_space):

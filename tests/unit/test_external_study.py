@@ -105,7 +105,7 @@ CHANGES = {
     "no channels": ('channels = ["velocity"]         # what it returns\n', "", ["model.channels", "missing"]),
     "another unit": ('time_limit = "20 s"', 'time_limit = "20 m"', ["model.time_limit", "20 m"]),
     "no runs": ("runs = 12", "runs = 0", ["campaign.runs"]),
-    "an unknown design": ('method = "latin_hypercube"', 'method = "grid"', ["campaign.method", "grid", "sobol"]),
+    "an unknown design": ('method = "sobol"', 'method = "grid"', ["campaign.method", "grid", "sobol"]),
     "a parameter it does not have": (
         'function = "respond" ',
         'parameters = ["stifness"]\nfunction = "respond" ',

@@ -26,7 +26,7 @@ ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concu
 
 
 class LostWorkerError(Exception):
-    """A worker died with the run; the run is not to blame, or not yet."""
+    """A run has taken down so many workers, one after another, that its scheduler has given it up."""
 
 
 class Pool:
@@ -137,6 +137,8 @@ def _result_of(future: Any) -> Any:
         return future.result()
     except BrokenExecutor as problem:
         raise CampaignStoppedError(f"the executor broke down: {type(problem).__name__} {problem}".rstrip()) from problem
+    except CampaignStoppedError:
+        raise
     except Exception as problem:
         # By name, so that distributed need not be there.
         if type(problem).__name__ == "KilledWorker":
@@ -241,7 +243,10 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
     def workers() -> int:
         nonlocal asked, threads
         if time.monotonic() > asked + RECOUNT:  # a question to the scheduler costs as much as a run
-            asked, threads = time.monotonic(), sum(client.nthreads().values())
+            try:
+                asked, threads = time.monotonic(), sum(client.nthreads().values())
+            except Exception as problem:  # whatever it is, the scheduler does not answer
+                raise CampaignStoppedError(f"the scheduler at {address} was lost") from problem
         return threads
 
     def check() -> None:
@@ -274,12 +279,11 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
         while waiting or pool.busy:
             while waiting and pool.room > 0:
                 place, item = waiting.pop()
-                pool.submit((place, item), function, item)
-            for (place, item), result in pool.finished():
+                pool.submit(place, function, item)
+            for place, result in pool.finished():
                 if isinstance(result, LostWorkerError):
-                    waiting.append((place, item))
-                else:
-                    results[place] = result
+                    raise CampaignStoppedError(f"run {place} took every worker down that tried it: {result}")
+                results[place] = result
         return results
 
     abort = True

@@ -196,7 +196,7 @@ def write(
         with partial.open("rb+") as written:
             os.fsync(written.fileno())
         partial.replace(path)
-    except OSError as problem:
+    except (OSError, RuntimeError) as problem:  # h5py tells a full disk at closing as a RuntimeError
         partial.unlink(missing_ok=True)
         raise StoreError(
             f"{path}: it cannot be written ({problem}). The runs are safe in its parts; free some space and go on."
@@ -273,19 +273,22 @@ def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
         compression_opts=1,
     )
     _attach(file, values, ("run", "time", "channel"))
-    opened: dict[Path, Any] = {}
-    try:
-        for index, row in enumerate(rows):
-            if isinstance(row.source, FileSource):
-                if row.source.path not in opened:
-                    opened[row.source.path] = h5py.File(row.source.path, "r")
-                mask, chunk = opened[row.source.path]["values"].id.read_direct_chunk((row.position, 0, 0))
-                values.id.write_direct_chunk((index, 0, 0), chunk, mask)
-            elif row.source is not None:
-                values[index] = row.source.read(np.array([row.position]))[0]
-    finally:
-        for other in opened.values():
-            other.close()
+    # A source at a time, so that one file is open however many segments there are.
+    by_source: dict[int, list[int]] = {}
+    for index, row in enumerate(rows):
+        if row.source is not None:
+            by_source.setdefault(hash(row.source), []).append(index)
+    for places in by_source.values():
+        source = rows[places[0]].source
+        if isinstance(source, FileSource):
+            with h5py.File(source.path, "r") as other:
+                chunks = other["values"].id
+                for index in places:
+                    mask, chunk = chunks.read_direct_chunk((rows[index].position, 0, 0))
+                    values.id.write_direct_chunk((index, 0, 0), chunk, mask)
+        else:
+            for index in places:
+                values[index] = rows[index].source.read(np.array([rows[index].position]))[0]
 
 
 def _put(file: Any, name: str, data: np.ndarray, dimensions: tuple[str, ...]) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.campaign.executors import LostWorkerError, Pool, open_pool
 from structid.campaign.run_file import Header
-from structid.campaign.store import Finished, MemoryStore, RunStore
+from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
@@ -27,11 +27,11 @@ CampaignProgress = Callable[[int, int, int], None]
 BATCH = 256
 """Runs of a built-in model that are done, and stored, together."""
 
-LOST_WORKERS = 3
-"""How often a run may lose its worker before it is taken to be the cause."""
+TRIED_AGAIN = (Status.FAILED, Status.TIMED_OUT)
+"""What a second attempt of the same solver may cure; a run that diverged would do so again."""
 
-RETRIED = (Status.FAILED, Status.TIMED_OUT)
-"""What a second attempt may cure; a run that diverged would do so again."""
+RETRIED = (*TRIED_AGAIN, Status.DIVERGED)
+"""What is done again when somebody asks for it, who may have changed the solver."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,6 @@ class _Ticket:
 
     row: int
     attempts: int
-    lost: int = 0
 
 
 class Campaign:
@@ -95,7 +94,8 @@ class Campaign:
         self.model, self.design, self.store = model, design, store
         self.theta = model.parameters(design)
         self.record_of_run = record_numbers(self.records, assignment, len(design))
-        self.keys = _keys(design.values, [self.records[i].content_hash for i in self.record_of_run])
+        hashes = [r.content_hash for r in self.records]
+        self.keys = _keys(design.values, [hashes[i] for i in self.record_of_run])
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -113,6 +113,7 @@ class Campaign:
         *,
         retry: bool = False,
         attempts: int = 1,
+        adopt: bool = False,
         progress: CampaignProgress | None = None,
     ) -> Runs:
         """Do every run that is not stored yet.
@@ -123,9 +124,12 @@ class Campaign:
             ``"serial"`` (the default), ``"processes"``, ``"processes:4"``, the address of a Dask scheduler (``"tcp://…"``), or
             an executor of the caller's. Built-in models run in batches on this machine and take none.
         retry : bool
-            Do runs again that failed or timed out before.
+            Do runs again that failed, timed out or diverged before.
         attempts : int
             How often a run that fails or times out is tried in this campaign.
+        adopt : bool
+            Keep the stored runs of another version of the model, which would be refused otherwise: after a solver has been mended,
+            say, in a way that leaves the runs it has done as they are.
         progress : callable, optional
             Told how many runs have ended, of how many, and how many of them failed.
 
@@ -146,17 +150,19 @@ class Campaign:
         if attempts < 1:
             raise InputError("Campaign.run: attempts", f"{attempts}", "1 or more")
         header = Header(self.identity, self.design.space, self.records, self.model.channels)
-        store = MemoryStore(header) if self.store is None else RunStore(self.store, header)
+        store = MemoryStore(header) if self.store is None else RunStore(self.store, header, adopt)
         try:
+            if self.store is not None and self._is_part_of(store) and not self._todo(store, retry, attempts):
+                return self._selected()
             self._check_points(store)
-            todo = self._todo(store, retry)
+            todo = self._todo(store, retry, attempts)
             if todo:
                 store.describe(self.keys, self.design.values, self.record_of_run)
                 count = _Counter(store, self.keys, todo, progress)
                 if isinstance(self.model, JaxModel) or not isinstance(self.model, ExternalModel):
                     self._in_batches(store, todo, count)
                 else:
-                    self._one_by_one(store, todo, count, executor, attempts)
+                    self._one_by_one(store, todo, count, executor, attempts, retry)
             return store.finish(self.keys, self.design.values, self.record_of_run)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"Stopped: {self._progress_in(store)}. {self._how_to_go_on}") from None
@@ -178,6 +184,18 @@ class Campaign:
     def _progress_in(self, store: RunStore | MemoryStore) -> str:
         return f"{len(store.rows)} of {len(self.keys)} runs are stored"
 
+    def _is_part_of(self, store: RunStore | MemoryStore) -> bool:
+        """Whether the store holds every point of this design, and others."""
+        return set(self.keys) < set(store.rows)
+
+    def _selected(self) -> Runs:
+        """Pick the design's runs out of a store that holds more."""
+        assert self.store is not None
+        runs = open_runs(self.store)
+        hashes = [r.content_hash for r in runs.records]
+        place = {key: i for i, key in enumerate(_keys(runs.design.values, [hashes[i] for i in runs.record_of_run]))}
+        return runs[np.array([place[key] for key in self.keys])]
+
     def _check_points(self, store: RunStore | MemoryStore) -> None:
         strangers = set(store.rows) - set(self.keys)
         if strangers:
@@ -185,16 +203,18 @@ class Campaign:
                 f"store {self.store}",
                 f"it holds {len(strangers)} runs at points that this design of {len(self.keys)} lacks",
                 "the stored design, or a longer one that contains it",
-                "Append the new points to the old design, or name another store; this one has not been touched.",
+                "Append points with design + more; a 'sobol' or 'random' design of more points contains the shorter one, a Latin "
+                "hypercube does not. Or name another store; this one has not been touched.",
             )
 
-    def _todo(self, store: RunStore | MemoryStore, retry: bool) -> list[_Ticket]:
+    def _todo(self, store: RunStore | MemoryStore, retry: bool, attempts: int) -> list[_Ticket]:
+        """What is not stored, what was stopped between two attempts, and what is to be done again."""
         tickets = []
         for row, key in enumerate(self.keys):
             stored = store.rows.get(key)
             if stored is None:
                 tickets.append(_Ticket(row, 1))
-            elif retry and stored.status in RETRIED:
+            elif (retry and stored.status in RETRIED) or (stored.status in TRIED_AGAIN and stored.attempts < attempts):
                 tickets.append(_Ticket(row, stored.attempts + 1))
         return tickets
 
@@ -216,7 +236,13 @@ class Campaign:
                 count.add(finished)
 
     def _one_by_one(
-        self, store: RunStore | MemoryStore, todo: list[_Ticket], count: _Counter, executor: Any, attempts: int
+        self,
+        store: RunStore | MemoryStore,
+        todo: list[_Ticket],
+        count: _Counter,
+        executor: Any,
+        attempts: int,
+        retry: bool,
     ) -> None:
         assert isinstance(self.model, ExternalModel)
         calls = [packed(self.model, record) for record in self.records]
@@ -224,7 +250,8 @@ class Campaign:
         abort = True
         try:
             waiting = list(reversed(todo))
-            last = {t.row: t.attempts + attempts - 1 for t in todo}
+            # A run that was stopped between two attempts has the rest of them; one that is done again has all of them.
+            last = {t.row: max(attempts, t.attempts + (attempts - 1 if retry else 0)) for t in todo}
             while waiting or pool.busy:
                 while waiting and pool.room > 0:
                     self._submit(pool, waiting.pop(), calls)
@@ -247,14 +274,10 @@ class Campaign:
         finished, again = [], []
         for ticket, outcome in pool.finished():
             if isinstance(outcome, LostWorkerError):
-                if ticket.lost < LOST_WORKERS:
-                    again.append(_Ticket(ticket.row, ticket.attempts, ticket.lost + 1))
-                    continue
                 nothing = np.full((len(self.records[self.record_of_run[ticket.row]]), len(self.model.channels)), np.nan)
-                reason = f"its worker died, {LOST_WORKERS + 1} times: {outcome}"
-                outcome = Outcome(nothing, Status.FAILED, reason, 0.0)
+                outcome = Outcome(nothing, Status.FAILED, f"it took every worker down that tried it: {outcome}", 0.0)
             finished.append(Finished(self.keys[ticket.row], outcome, ticket.attempts))
-            if outcome.status in RETRIED and ticket.attempts < last[ticket.row]:
+            if outcome.status in TRIED_AGAIN and ticket.attempts < last[ticket.row]:
                 again.append(_Ticket(ticket.row, ticket.attempts + 1))
         return finished, again
 

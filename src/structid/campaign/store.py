@@ -28,7 +28,7 @@ import numpy as np
 from structid.campaign import run_file
 from structid.campaign.run_file import FileSource, FileValues, Header, Row
 from structid.errors import InputError, Status, StoreError
-from structid.journal import Journal, compare_identity
+from structid.journal import Journal, compare_identity, differences
 from structid.models.external import Outcome
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
@@ -65,6 +65,8 @@ class RunStore:
         The HDF5 file that is to be; its parts lie beside it.
     header : Header
         What the runs share; a store of anything else is refused.
+    adopt : bool
+        Take over the runs of another version of the model, if nothing else differs.
 
     Raises
     ------
@@ -74,14 +76,18 @@ class RunStore:
         If another process is writing to it.
     """
 
-    def __init__(self, path: str | os.PathLike[str], header: Header) -> None:
+    def __init__(self, path: str | os.PathLike[str], header: Header, adopt: bool = False) -> None:
         self.path, self.header = Path(path), header
         self.parts = parts_of(self.path)
-        for file in self._files():
-            compare_identity(self.path, run_file.read_header(file)[0].identity, header.identity)
+        found = self._found()
+        other = [] if found is None else differences(found, header.identity)
+        if found is not None and other != (["model"] if adopt else []):
+            compare_identity(self.path, found, header.identity)
         with _plain_errors(self.path):
             self.parts.mkdir(parents=True, exist_ok=True)
             self._lock = _locked(self.parts, self.path)
+        if other:
+            self._take_over()
         self._journal = Journal(self.parts / "journal", header.identity)
         self._designs = Journal(self.parts / "design", header.identity)
         self.rows: dict[str, Row] = {}
@@ -89,6 +95,20 @@ class RunStore:
             self.rows.update(run_file.read_rows(file))
         for rows in _journalled(self._journal):
             self.rows.update(rows)
+
+    def _found(self) -> dict[str, Any] | None:
+        """Identity of what is there, if anything is."""
+        if (self.parts / "design").exists():
+            return Journal.read(self.parts / "design").identity
+        return run_file.read_header(self.path)[0].identity if self.path.exists() else None
+
+    def _take_over(self) -> None:
+        """Put what another version of the model has done into one file under this one's name."""
+        stored = _stored(self.path)
+        run_file.write(self.path, self.header, stored.theta, stored.record_of_run, stored.rows)
+        for part in self.parts.iterdir():
+            if part.name != "lock":
+                part.unlink()
 
     def _files(self) -> list[Path]:
         """The finished file and the segments, oldest first."""
@@ -138,7 +158,15 @@ class RunStore:
         now = time.time()
         # In one text: every array of an entry costs as much as a thousand numbers.
         told = [
-            [f.key, int(f.outcome.status), f.outcome.reason, f.outcome.failure_time, f.outcome.seconds, f.attempts, now]
+            [
+                f.key,
+                int(f.outcome.status),
+                printable(f.outcome.reason),
+                f.outcome.failure_time,
+                f.outcome.seconds,
+                f.attempts,
+                now,
+            ]
             for f in finished
         ]
         entry = {"told": np.array(json.dumps(told)), "values": values}
@@ -186,8 +214,9 @@ class RunStore:
         rows = [self.rows.get(key) or _pending(key) for key in keys]
         if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
             run_file.write(self.path, self.header, theta, record_of_run, rows)
-        self.close()
+        # While the lock is held: nobody else may have begun to fill the parts.
         shutil.rmtree(self.parts, ignore_errors=True)
+        self.close()
         return open_runs(self.path)
 
     def close(self) -> None:
@@ -195,8 +224,6 @@ class RunStore:
         if self._lock is not None:
             os.close(self._lock)
             self._lock = None
-        if self.parts.exists() and not any(self.parts.iterdir()):
-            self.parts.rmdir()
 
 
 class MemoryStore:
@@ -265,6 +292,22 @@ class MemoryStore:
         """Nothing to let go of."""
 
 
+def printable(text: str) -> str:
+    """Make a text fit to be stored: whatever a solver prints, no file format chokes on it.
+
+    Parameters
+    ----------
+    text : str
+        What was said.
+
+    Returns
+    -------
+    str
+        The same, characters that cannot be printed replaced, tabs and line ends kept.
+    """
+    return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)
+
+
 def parts_of(path: Path) -> Path:
     """Return the folder of a store's parts.
 
@@ -316,23 +359,66 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
         If there is no such store.
     """
     path = Path(path)
+    if path.is_dir():
+        path = path / "runs.h5"
+    if not path.exists() and not parts_of(path).exists():
+        raise InputError(
+            f"{path}", "there is no such store", "a file that a Campaign has made, or the folder of a study with one"
+        )
+    stored = _settled(path)
+    values: Any = _Scattered(stored.rows, stored.header)
+    finished = not (parts_of(path) / "design").exists()
+    if finished:
+        values = FileValues(FileSource(path), values.shape)
+    return run_file.as_runs(
+        stored.header, stored.theta, stored.record_of_run, stored.rows, values, path if finished else None
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Stored:
+    """Everything a store holds, one row for each point of its design."""
+
+    header: Header
+    theta: np.ndarray
+    record_of_run: np.ndarray
+    rows: list[Row]
+
+
+def _settled(path: Path) -> _Stored:
+    """Read a store that may be written to meanwhile: again, if parts of it were sealed or put together under our eyes."""
+    for _ in range(20):
+        before = _layout(path)
+        try:
+            stored = _stored(path)
+        except (FileNotFoundError, InputError):
+            if _layout(path) == before:
+                raise
+            continue
+        if _layout(path) == before:
+            break
+    return stored
+
+
+def _layout(path: Path) -> list[str]:
+    journal = parts_of(path) / "journal"
+    return [str(p) for p in (path, *segments_of(path), journal) if p.exists()]
+
+
+def _stored(path: Path) -> _Stored:
     parts = parts_of(path)
-    if not (parts / "design").exists():
-        header, theta, record_of_run = run_file.read_header(path)
-        found = run_file.read_rows(path)
-        keys = _keys_in(path)
-        rows = [found.get(key) or _pending(key) for key in keys]
-        shape = (len(rows), header.samples, len(header.channels))
-        return run_file.as_runs(header, theta, record_of_run, rows, FileValues(FileSource(path), shape), path)
-    stored: dict[str, Row] = {}
+    found: dict[str, Row] = {}
     for file in (p for p in (path, *segments_of(path)) if p.exists()):
-        stored.update(run_file.read_rows(file))
-    header, keys, theta, record_of_run = _design_in(Journal.read(parts / "design"), path)
+        found.update(run_file.read_rows(file))
+    if (parts / "design").exists():
+        header, keys, theta, record_of_run = _design_in(Journal.read(parts / "design"), path)
+    else:
+        header, theta, record_of_run = run_file.read_header(path)
+        keys = _keys_in(path)
     if (parts / "journal").exists():
         for some in _journalled(Journal.read(parts / "journal")):
-            stored.update(some)
-    rows = [stored.get(key) or _pending(key) for key in keys]
-    return run_file.as_runs(header, theta, record_of_run, rows, _Scattered(rows, header), None)
+            found.update(some)
+    return _Stored(header, theta, record_of_run, [found.get(key) or _pending(key) for key in keys])
 
 
 # --- entries of the journal -----------------------------------------------------------------------------------------
@@ -397,9 +483,13 @@ class _Scattered:
     def read(self, rows: np.ndarray) -> np.ndarray:
         values = np.full((len(rows), *self.shape[1:]), np.nan)
         wanted = [self.rows[i] for i in rows]
-        for source in {id(r.source): r.source for r in wanted if r.source is not None}.values():
-            places = [i for i, row in enumerate(wanted) if row.source is source]
-            values[places] = source.read(np.array([wanted[i].position for i in places]))
+        places: dict[int, list[int]] = {}
+        for i, row in enumerate(wanted):
+            if row.source is not None:
+                places.setdefault(id(row.source), []).append(i)
+        for some in places.values():
+            positions = np.array([wanted[i].position for i in some])
+            values[some] = wanted[some[0]].source.read(positions)
         return values
 
 
@@ -419,7 +509,8 @@ def _holds(path: Path, keys: Sequence[str]) -> bool:
 
 def _locked(folder: Path, path: Path) -> int | None:
     """Hold a folder against a second writer; the system lets it go when this process ends, however it ends."""
-    handle = os.open(folder, os.O_RDONLY)
+    # A file of its own, open for writing: network file systems lock nothing else.
+    handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -433,6 +524,14 @@ def _locked(folder: Path, path: Path) -> int | None:
     except OSError:  # a file system without locks
         os.close(handle)
         return None
+    try:
+        same = os.path.samestat(os.fstat(handle), (folder / "lock").stat())
+    except FileNotFoundError:
+        same = False
+    if not same:  # its last owner has just finished and removed it
+        os.close(handle)
+        folder.mkdir(parents=True, exist_ok=True)
+        return _locked(folder, path)
     return handle
 
 

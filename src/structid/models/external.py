@@ -6,23 +6,28 @@ import builtins
 import functools
 import inspect
 import os
+import shutil
 import threading
 import time
 import traceback
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import cloudpickle
 import numpy as np
 
-from structid.errors import InputError, Status
+from structid.errors import CampaignStoppedError, InputError, Status
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.journal import digest, function_identity
 from structid.models.base import Map, Model, Progress
-from structid.models.watchdog import CallDiedError, CallTimeoutError, Watchdog
+from structid.models.watchdog import LAST_WORDS, CallDiedError, CallTimeoutError, NotLoadedError, Watchdog
+
+STANDARD_OUTPUT = "output.txt"
+"""What a program says is kept in this file of its scratch folder."""
 
 Solver = Callable[..., Any]
 """``f(parameters, record) -> histories``, or ``f(parameters, record, seed)``."""
@@ -40,11 +45,14 @@ class Task:
         What its scratch folder is called.
     seed : int
         Of a solver that draws random numbers; the same for the same run on any executor.
+    attempt : int
+        Which attempt at the run this is.
     """
 
     parameters: dict[str, float]
     name: str
     seed: int
+    attempt: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +93,7 @@ class SolverError(Exception):
 
     def __init__(self, reason: str, values: Any = None) -> None:
         super().__init__(reason, values)
-        self.reason, self.values = reason, values
+        self.reason, self.values = str(reason), values
 
 
 class ExternalModel(Model):
@@ -131,6 +139,13 @@ class ExternalModel(Model):
                 "Only a process of its own can be stopped.",
             )  # fmt: skip
         self.time_limit, self.isolated = time_limit, isolated
+
+    scratch: Path | None = None
+    """Where runs leave their files, if they do."""
+    keeps_failed: bool = True
+    """Whether the files of a run that failed stay."""
+    kept: Path | None = None
+    """Where the last run's files are, if they were kept; known to the process that did it."""
 
     @abstractmethod
     def solve(self, task: Task, excitation: Excitation) -> Any:
@@ -215,7 +230,7 @@ class ExternalModel(Model):
         """
         key = digest(np.asarray(row, dtype=np.float64), excitation.content_hash, self.content_hash)
         parameters = {name: float(value) for name, value in zip(self.free, row, strict=True)}
-        return Task(parameters, f"run-{key}-{attempts}", int(key[:8], 16))
+        return Task(parameters, f"run-{key}", int(key[:8], 16), attempts)
 
 
 @dataclass(frozen=True)
@@ -232,12 +247,18 @@ class PackedCall:
         Seconds a run may take.
     shape : tuple of int
         Samples and channels of a run.
+    scratch : str
+        Where runs leave their files, empty if they leave none.
+    keeps : bool
+        Whether those of a run that failed stay.
     """
 
     key: str
     function: Any
     time_limit: float | None
     shape: tuple[int, int]
+    scratch: str = ""
+    keeps: bool = True
 
 
 def packed(model: ExternalModel, excitation: Excitation) -> PackedCall:
@@ -272,7 +293,9 @@ def packed(model: ExternalModel, excitation: Excitation) -> PackedCall:
                 "Open files, sockets and engines inside the function, or give isolated=False.",
             ) from None
     key = digest(model.content_hash, excitation.content_hash, function if isinstance(function, bytes) else "")
-    return PackedCall(key, function, model.time_limit, (len(excitation), len(model.channels)))
+    shape = (len(excitation), len(model.channels))
+    scratch = "" if model.scratch is None else str(model.scratch)
+    return PackedCall(key, function, model.time_limit, shape, scratch, model.keeps_failed)
 
 
 _guards = threading.local()
@@ -308,35 +331,52 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
     Outcome
         Always: a crash, a hang and an exception are outcomes too.
     """
-    began = time.perf_counter()
     if not isinstance(call.function, bytes):
-        return replace(call.function(task), seconds=time.perf_counter() - began)
+        here: Outcome = call.function(task)
+        return here
+    began = time.perf_counter()
     guard = guard_of_this_thread()
     nothing = np.full(call.shape, np.nan)
+    kept = f" [kept: {call.scratch}/{task.name}-{task.attempt}-*]" if call.scratch and call.keeps else ""
     try:
-        outcome = guard.call(call.key, call.function, (task,), call.time_limit)
+        outcome: Outcome = guard.call(call.key, call.function, (task,), call.time_limit)
+    except NotLoadedError as problem:
+        raise CampaignStoppedError(str(problem)) from None
     except CallTimeoutError as limit:
-        outcome = Outcome(nothing, Status.TIMED_OUT, str(limit), 0.0)
+        return Outcome(
+            nothing, Status.TIMED_OUT, f"{limit}{_left_behind(call, task)}{kept}", 0.0, call.time_limit or 0.0
+        )
     except CallDiedError as death:
-        outcome = Outcome(nothing, Status.FAILED, str(death), 0.0)
-    except Exception as problem:  # it could not even be unpickled there
-        outcome = Outcome(nothing, Status.FAILED, f"{type(problem).__name__}: {problem}", 0.0)
-    else:
-        words = guard.last_words() if outcome.status == Status.FAILED and "last said" not in outcome.reason else ""
-        if words:
-            outcome = replace(outcome, reason=f"{outcome.reason}; it last said: {words}")
-    return replace(outcome, seconds=time.perf_counter() - began)
+        return Outcome(nothing, Status.FAILED, f"{death}{kept}", 0.0, time.perf_counter() - began)
+    except Exception as problem:  # what it returned could not be pickled
+        return Outcome(nothing, Status.FAILED, f"{type(problem).__name__}: {problem}", 0.0, time.perf_counter() - began)
+    words = guard.last_words() if outcome.status == Status.FAILED and "last said" not in outcome.reason else ""
+    return replace(outcome, reason=f"{outcome.reason}; it last said: {words}") if words else outcome
+
+
+def _left_behind(call: PackedCall, task: Task) -> str:
+    """What a program said before it was stopped, which is in its scratch folder."""
+    for folder in Path(call.scratch).glob(f"{task.name}-{task.attempt}-*") if call.scratch else ():
+        words = (folder / STANDARD_OUTPUT).read_bytes()[-LAST_WORDS:] if (folder / STANDARD_OUTPUT).is_file() else b""
+        if not call.keeps:
+            shutil.rmtree(folder, ignore_errors=True)
+        if words.strip():
+            return f"; it last said: {words.decode(errors='replace').strip()}"
+    return ""
 
 
 def _solved(model: ExternalModel, excitation: Excitation, task: Task) -> Outcome:
     """Run the solver, in the child, and judge what it returned."""
+    began = time.perf_counter()
     try:
-        return judged(model.solve(task, excitation), excitation, model.channels)
+        outcome = judged(model.solve(task, excitation), excitation, model.channels)
     except SolverError as failure:
         partial = None if failure.values is None else judged(failure.values, excitation, model.channels)
-        return _failed(failure.reason, excitation, model.channels, partial)
+        outcome = _failed(failure.reason, excitation, model.channels, partial)
     except Exception as problem:
-        return _failed(_where(problem), excitation, model.channels)
+        outcome = _failed(_where(problem), excitation, model.channels)
+    kept = f" [kept: {model.kept}]" if model.kept is not None and outcome.status != Status.DONE else ""
+    return replace(outcome, reason=outcome.reason + kept, seconds=time.perf_counter() - began)
 
 
 def _where(problem: Exception) -> str:
@@ -406,6 +446,8 @@ def _columns(result: Any, channels: tuple[str, ...]) -> np.ndarray:
         if len({len(p) for p in parts}) > 1:
             raise ValueError(f"its channels have {', '.join(str(len(p)) for p in parts)} rows")
         return np.column_stack(parts)
+    if np.iscomplexobj(result):
+        raise TypeError("it returned complex numbers")
     array = np.asarray(result, dtype=np.float64)
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or array.shape[1] != len(channels):

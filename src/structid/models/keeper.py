@@ -22,7 +22,7 @@ from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from typing import Any
 
-ANSWERED, TIMED_OUT, DIED = b"A", b"T", b"D"
+ANSWERED, TIMED_OUT, DIED, NOT_LOADED = b"A", b"T", b"D", b"L"
 """How a call ended: first byte of what the keeper sends back."""
 
 START_LIMIT = 120.0
@@ -120,11 +120,11 @@ class Keeper:
                 _run(Connection(theirs.detach()))
                 code = 0
             except SystemExit as left:
-                code = left.code if isinstance(left.code, int) else 1
+                code = left.code if isinstance(left.code, int) else int(left.code is not None)
+                if isinstance(left.code, str):
+                    os.write(2, left.code.encode())
             finally:
-                with contextlib.suppress(Exception):
-                    sys.stdout.flush()
-                    sys.stderr.flush()
+                _flush()
                 os._exit(code)
         theirs.close()
         return _Runner(pid, Connection(ours.detach()))
@@ -138,13 +138,13 @@ def _asked(channel: Connection, request: tuple[Any, ...], time_limit: float | No
 def _run(channel: Connection) -> None:
     """Load functions and call them: the runner's whole life."""
     functions: dict[str, Any] = {}
+    voice = os.dup(1)
     while True:
         try:
             key, function, arguments = pickle.loads(channel.recv_bytes())
         except EOFError:
             return
-        os.ftruncate(1, 0)
-        os.lseek(1, 0, os.SEEK_SET)
+        _listen_again(voice)
         answer = None
         try:
             if function is not None:
@@ -153,10 +153,26 @@ def _run(channel: Connection) -> None:
                 answer = functions[key](*pickle.loads(arguments))
             sent = ANSWERED + pickle.dumps((True, answer), protocol=5)
         except Exception as problem:
-            sent = (ANSWERED if function is None else DIED) + _told(problem, function is None)
-        sys.stdout.flush()
-        sys.stderr.flush()
+            sent = (ANSWERED if function is None else NOT_LOADED) + _told(problem, function is None)
+        _flush()
         channel.send_bytes(sent)
+
+
+def _listen_again(voice: int) -> None:
+    """Empty the file that keeps what is said, and say into it: the last call may have closed or turned its output."""
+    os.ftruncate(voice, 0)
+    os.lseek(voice, 0, os.SEEK_SET)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(voice, number)
+        stream = getattr(sys, name)
+        if stream is None or getattr(stream, "closed", False):
+            setattr(sys, name, open(number, "w", closefd=False))  # noqa: SIM115
+
+
+def _flush() -> None:
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            stream.flush()
 
 
 def _told(problem: Exception, as_object: bool) -> bytes:

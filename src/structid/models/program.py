@@ -19,14 +19,12 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
+from structid.histories import CHANNEL_UNITS, base_channel
 from structid.journal import digest
-from structid.models.external import ExternalModel, SolverError, Task
+from structid.models.external import STANDARD_OUTPUT, ExternalModel, SolverError, Task
 from structid.models.keeper import ended_by
 from structid.models.watchdog import LAST_WORDS
-from structid.units import factor
-
-STANDARD_OUTPUT = "output.txt"
-"""What a program says is kept in this file of its scratch folder."""
+from structid.units import factor, to_si
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,11 @@ class OutputFile:
         for channel, unit in self.units.items():
             if channel not in self.columns:
                 raise InputError("OutputFile.units", f"a unit for '{channel}'", ", ".join(self.columns))
-            factor(unit)
+            expected = CHANNEL_UNITS.get(base_channel(channel))
+            if expected is None:
+                factor(unit)
+            else:
+                to_si(f"1 {unit}", expected[0], f"unit of the column '{channel}'")
 
 
 class ProgramModel(ExternalModel):
@@ -95,6 +97,8 @@ class ProgramModel(ExternalModel):
         See `ExternalModel`; of a program that does not lie in `folder`, whose content is not seen.
     """
 
+    scratch: Path
+
     def __init__(
         self,
         command: str | Sequence[str],
@@ -117,8 +121,10 @@ class ProgramModel(ExternalModel):
         self.folder = Path(folder).resolve()
         self.command = command if isinstance(command, str) else shlex.join(command)
         self.output, self.record_file, self.keep = output, record_file, keep
+        self.keeps_failed = keep != "none"
         self.constants, self.environment = dict(constants or {}), dict(environment or {})
-        self.templates = {name: self._text(path) for name, path in (templates or {}).items()}
+        self.template_files = dict(templates or {})
+        self.templates = {name: self._text(path) for name, path in self.template_files.items()}
         self.copies = tuple(self._existing(path) for path in copies)
         self.scratch = Path(scratch) if scratch is not None else Path(tempfile.gettempdir()) / f"structid-{os.getuid()}"
         self._check_templates()
@@ -141,22 +147,26 @@ class ProgramModel(ExternalModel):
         """Render everything once with ones for parameters, so that a misspelt name is found at the door."""
         record = Excitation(np.zeros(2), 0.01, "check")
         task = Task(dict.fromkeys(self.free, 1.0), "check", 0)
+        where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
             try:
                 self._rendered(text, task, record)
             except jinja2.UndefinedError as problem:
                 known = ", ".join([*self.free, *self.constants, "record", "folder", "cores", "seed"])
-                raise InputError(
-                    f"template '{name}'", f"{problem}", known, "Correct the name, or add a constant."
-                ) from None
+                raise InputError(where[name], f"{problem}", known, "Correct the name, or add a constant.") from None
             except jinja2.TemplateError as problem:
-                raise InputError(f"template '{name}'", f"{problem}", "a jinja2 template") from None
+                line = f", line {problem.lineno}" if isinstance(problem, jinja2.TemplateSyntaxError) else ""
+                raise InputError(f"{where[name]}{line}", f"{problem}", "a jinja2 template") from None
 
     @functools.cached_property
     def content_hash(self) -> str:
         """Hash of command, templates, constants, the copied files, and of the files in the command that lie in the folder."""
-        named = [self.folder / word for word in re.split(r"[\s'\"]+", self.command.replace("{{ folder }}/", ""))]
-        contents = [digest(path.read_bytes().hex()) for path in (*self.copies, *named) if path.is_file()]
+        record = Excitation(np.zeros(2), 0.01, "check")
+        task = Task(dict.fromkeys(self.free, 1.0), "check", 0)
+        words = [self._rendered(word, task, record) for word in split_command(self.command)]
+        named = [self.folder / (shutil.which(words[0]) or words[0]), *(self.folder / word for word in words[1:])]
+        files = [path for path in (*self.copies, *named) if path.is_file()]
+        contents = [(path.name, digest(path.read_bytes().hex())) for path in files]
         output = [self.output.file, dict(self.output.columns), dict(self.output.units), self.output.time]
         return digest(
             "program", self.command, self.templates, self.constants, self.environment, self.free, output, self.record_file,
@@ -186,21 +196,24 @@ class ProgramModel(ExternalModel):
         scratch = self._fresh_folder(task)
         try:
             values = self._solve_in(scratch, task, excitation)
-        except SolverError as failure:
-            if self.keep == "none":
+        except SolverError:
+            self.kept = None if self.keep == "none" else scratch
+            if self.kept is None:
                 shutil.rmtree(scratch, ignore_errors=True)
-                raise
-            raise SolverError(f"{failure.reason} [kept: {scratch}]", failure.values) from None
+            raise
         complete = len(values) == len(excitation) and np.isfinite(values).all()
-        if self.keep == "none" or (self.keep == "failed" and complete):
+        self.kept = None if self.keep == "none" or (self.keep == "failed" and complete) else scratch
+        if self.kept is None:
             shutil.rmtree(scratch, ignore_errors=True)
         return values
 
     def _fresh_folder(self, task: Task) -> Path:
         self.scratch.mkdir(parents=True, exist_ok=True)
-        for left in self.scratch.glob(f"{task.name}-*"):  # of a campaign that was killed in the middle of this very run
-            shutil.rmtree(left, ignore_errors=True)
-        return Path(tempfile.mkdtemp(prefix=f"{task.name}-", dir=self.scratch))
+        if self.keep != "all":
+            for earlier in range(1, task.attempt):
+                for left in self.scratch.glob(f"{task.name}-{earlier}-*"):
+                    shutil.rmtree(left, ignore_errors=True)
+        return Path(tempfile.mkdtemp(prefix=f"{task.name}-{task.attempt}-", dir=self.scratch))
 
     def _solve_in(self, scratch: Path, task: Task, excitation: Excitation) -> np.ndarray:
         for path in self.copies:
@@ -211,7 +224,8 @@ class ProgramModel(ExternalModel):
             target.write_text(self._rendered(text, task, excitation), encoding="utf-8")
         if self.record_file is not None:
             np.savetxt(scratch / self.record_file, excitation.values, fmt="%.17g")
-        command = shlex.split(self._rendered(self.command, task, excitation))
+        # Split first: a folder's name may hold spaces.
+        command = [self._rendered(word, task, excitation) for word in split_command(self.command)]
         said = scratch / STANDARD_OUTPUT
         try:
             with said.open("wb") as voice:
@@ -248,6 +262,29 @@ class ProgramModel(ExternalModel):
 
     def __repr__(self) -> str:
         return f"ProgramModel({self.command}: {', '.join(self.free)} -> {', '.join(self.channels)})"
+
+
+def split_command(command: str) -> list[str]:
+    """Split a command line into words as a shell would; what stands between double braces is one piece.
+
+    Parameters
+    ----------
+    command : str
+        With jinja2's ``{{ … }}`` in it.
+
+    Returns
+    -------
+    list of str
+        Its words, braces and all.
+    """
+    pieces: list[str] = []
+
+    def put_aside(found: re.Match[str]) -> str:
+        pieces.append(found.group())
+        return f"\x00{len(pieces) - 1}\x00"
+
+    words = shlex.split(re.sub(r"\{\{.*?\}\}", put_aside, command))
+    return [re.sub(r"\x00(\d+)\x00", lambda found: pieces[int(found.group(1))], word) for word in words]
 
 
 @functools.cache
@@ -299,6 +336,9 @@ def _read_text(path: Path, wanted: list[int | str]) -> list[np.ndarray]:
     header: list[str] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, start=1):
+        if line.lstrip().startswith("#") and not rows:
+            header = re.split(r"[,;\s]+", line.strip(" #\t"))
+            continue
         words = [w.strip() for w in re.split(r"[,;\s]+" if "," not in line else ",", line.strip().lstrip("#").strip())]
         try:
             rows.append([_number(w) for w in words])

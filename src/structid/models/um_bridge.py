@@ -80,14 +80,17 @@ class UMBridgeModel(ExternalModel):
         if self.send_record:
             config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
         try:
-            model, sizes = _connected(self.url, self.name)
+            model = _connected(self.url, self.name)
+            sizes = model.get_input_sizes(config)
+            if sum(sizes) != len(self.free):
+                raise SolverError(
+                    f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters"
+                )
             values = iter(task.parameters.values())
             inputs = [[next(values) for _ in range(size)] for size in sizes]
             outputs = model(inputs, config)
-        except StopIteration:
-            raise SolverError(
-                f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters"
-            ) from None
+        except SolverError:
+            raise
         except Exception as problem:
             raise SolverError(f"the server at {self.url} did not answer: {type(problem).__name__}: {problem}") from None
         if len(outputs) != len(self.channels):
@@ -106,12 +109,11 @@ class UMBridgeModel(ExternalModel):
 
 
 @functools.cache
-def _connected(url: str, name: str) -> tuple[Any, list[int]]:
+def _connected(url: str, name: str) -> Any:
     """Connect once in each process."""
     import umbridge
 
-    model = umbridge.HTTPModel(url, name)
-    return model, model.get_input_sizes()
+    return umbridge.HTTPModel(url, name)
 
 
 class Served:
@@ -223,7 +225,7 @@ class ServedModel(Served):
         error with both lengths. It has no way to say "not a number".
         """
         excitation = self._driven_by(config)
-        values = self.model.simulate(np.array(parameters), excitation).values[0]
+        values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
         finite = np.isfinite(values).all(axis=1)
         return values[: len(values) if finite.all() else int(np.argmin(finite))].T.tolist()
 
@@ -251,7 +253,9 @@ class ServedModel(Served):
         import jax
 
         channel = self._channel(out_wrt, config)
-        return np.asarray(jax.jvp(channel, (np.array(parameters[0]),), (np.array(vec),))[1]).tolist()
+        return np.asarray(
+            jax.jvp(channel, (np.array(parameters[0], dtype=float),), (np.array(vec, dtype=float),))[1]
+        ).tolist()
 
     def gradient(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
@@ -276,8 +280,8 @@ class ServedModel(Served):
         """
         import jax
 
-        _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0]))
-        return np.asarray(pull_back(np.array(sens))[0]).tolist()
+        _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
+        return np.asarray(pull_back(np.array(sens, dtype=float))[0]).tolist()
 
     def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
         """One channel's history as a function of the parameters, inside JAX."""

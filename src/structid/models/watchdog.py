@@ -15,13 +15,14 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import weakref
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from structid.models.keeper import ANSWERED, START_LIMIT, TIMED_OUT
+from structid.models.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
 
 LAST_WORDS = 2000
 """Characters kept of what a failed call said on its way."""
@@ -44,6 +45,10 @@ class CallTimeoutError(Exception):
     """The call took longer than it was allowed; whatever did it has been killed."""
 
 
+class NotLoadedError(Exception):
+    """The function could not be loaded where it should run: no run can be done there."""
+
+
 class CallDiedError(Exception):
     """The call ended its process, by a signal or on its own."""
 
@@ -57,18 +62,24 @@ class _Kept:
     lifeline: int | None
     voice: int
     known: set[str] = field(default_factory=set)
+    owner: int = field(default_factory=os.getpid)
+    lock: Any = field(default_factory=threading.Lock)
 
     def cut(self) -> None:
         """Close the lifeline: keeper and runner kill themselves and all they have started."""
-        lifeline, self.lifeline = self.lifeline, None
+        with self.lock:
+            lifeline, self.lifeline = self.lifeline, None
         if lifeline is not None:
             os.close(lifeline)
+        if os.getpid() != self.owner:  # a fork of the owner has copies of the ends, and no right to kill
+            return
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self.process.pid, signal.SIGKILL)
 
     def bury(self) -> None:
         self.cut()
-        self.process.wait()
+        if os.getpid() == self.owner:
+            self.process.wait()
         self.channel.close()
         os.close(self.voice)
 
@@ -79,6 +90,7 @@ class Watchdog:
     def __init__(self) -> None:
         self._kept: _Kept | None = None
         self._finalizer: Any = None
+        self._killed = False
 
     def call(self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None) -> Any:
         """Run a function where it can do no harm.
@@ -104,11 +116,16 @@ class Watchdog:
         CallTimeoutError
             If it took too long.
         CallDiedError
-            If its process died of it, or could not load it.
+            If its process died of it.
+        NotLoadedError
+            If the function could not be loaded there.
         Exception
             Whatever the function raised.
         """
         kept = self._kept or self._start()
+        if self._killed:  # while it was being started
+            self.close()
+            raise CallDiedError("it was stopped before it began")
         request = (key, None if key in kept.known else function, pickle.dumps(arguments, protocol=5), time_limit)
         try:
             kept.channel.send_bytes(pickle.dumps(request, protocol=5))
@@ -129,7 +146,7 @@ class Watchdog:
             if good:
                 return result
             raise result
-        kind = CallTimeoutError if answer[:1] == TIMED_OUT else CallDiedError
+        kind = {TIMED_OUT: CallTimeoutError, NOT_LOADED: NotLoadedError}.get(answer[:1], CallDiedError)
         raise kind(_with_words(answer[1:].decode(), self.last_words()))
 
     def last_words(self) -> str:
@@ -143,7 +160,8 @@ class Watchdog:
         return "" if self._kept is None else _tail(self._kept.voice)
 
     def kill(self) -> None:
-        """Kill everything from another thread; a thread that waits in `call` sees it die."""
+        """Kill everything from another thread, for good; a thread that waits in `call` sees it die."""
+        self._killed = True
         if self._kept is not None:
             self._kept.cut()
 

@@ -52,6 +52,14 @@ class Design:
     def __getitem__(self, rows: slice | np.ndarray) -> Design:
         return Design(self.values[rows], self.space)
 
+    def __add__(self, more: Design) -> Design:
+        """These points and then those of another design of the same space."""
+        if not isinstance(more, Design) or more.space.content_hash != self.space.content_hash:
+            raise InputError(
+                "Design + Design", f"a {type(more).__name__} of another space", "a design of the same space"
+            )
+        return Design(np.vstack([self.values, more.values]), self.space)
+
     def columns(self, names: Sequence[str]) -> np.ndarray:
         """Columns by name, derived parameters included.
 

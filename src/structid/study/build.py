@@ -94,12 +94,24 @@ class BuiltStudy:
     @property
     def content_hash(self) -> str:
         """Hash of everything the runs and the draws depend on."""
-        posterior = [] if self.posterior is None else [self.posterior.content_hash, self.sampler.describe()]
-        campaign = []
+        return digest(self.identity)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the runs and the draws depend on, part by part, so that it can be said which has changed."""
+        parts: dict[str, Any] = {
+            "model": self.model.content_hash,
+            "parameters": self.space.content_hash,
+            "record": self.record.content_hash,
+            "seed": self.file.seed,
+        }
         if self.campaign is not None:
-            records = [r.content_hash for r in self.campaign_records]
-            campaign = [self.model.content_hash, self.space.content_hash, records]
-        return digest(posterior, campaign, self.file.seed)
+            parts["campaign records"] = [r.content_hash for r in self.campaign_records]
+        if self.posterior is not None:
+            parts["observation"] = digest([o.describe() for o in self.posterior.observations])
+            parts["discrepancy"] = digest(self.posterior.discrepancy.describe())
+            parts["sampler"] = digest(self.sampler.describe())
+        return parts
 
     @property
     def sampled(self) -> Posterior:
@@ -166,6 +178,8 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     """
     raw = _read_record(file.record, folder, "record")
     record = _process(raw, file.record, "record")
+    if file.record.trim is not None:
+        raw = raw.trim(*file.record.trim)  # the same instants as the processed one, to be drawn beside it
     space = _space(file)
     wanted = file.campaign.channels if file.campaign is not None else ()
     channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))

@@ -7,8 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structid.errors import InputError, Status
 from structid.models.base import JaxModel
 from structid.study.build import BuiltStudy
+
+SLOW = 20.0
+"""Seconds of a batch, beyond which it is timed once."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Cost:
         lines = []
         for what, runs in (("Campaign", self.true_runs), ("Sampling", self.sampling_runs)):
             if runs:
-                each, total = 1e3 * self.seconds_per_run, _duration(runs * self.seconds_per_run)
+                each, total = 1e3 * self.seconds_per_run, duration(runs * self.seconds_per_run)
                 lines.append(
                     f"{what}: {runs:,} model runs {together}{each:.3g} ms a run: about {total} on this machine"
                 )
@@ -46,12 +50,23 @@ class Cost:
         return "\n".join(lines)
 
 
-def _duration(seconds: float) -> str:
-    """A duration in the unit a person would use."""
+def duration(seconds: float) -> str:
+    """Say a duration in the unit a person would use.
+
+    Parameters
+    ----------
+    seconds : float
+        The duration.
+
+    Returns
+    -------
+    str
+        ``"5 hours"``, ``"12 s"``, ``"40 ms"``.
+    """
     for size, unit in ((86400.0, "days"), (3600.0, "hours"), (60.0, "min")):
         if seconds >= 2 * size:
             return f"{seconds / size:.0f} {unit}"
-    return f"{seconds:.0f} s"
+    return f"{seconds:.0f} s" if seconds >= 2 else f"{1e3 * seconds:.0f} ms"
 
 
 def estimate(study: BuiltStudy) -> Cost:
@@ -85,6 +100,13 @@ def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
     seconds = []
     for _ in range(repeats):
         began = time.perf_counter()
-        study.model.simulate(theta, study.record)
+        found = study.model.simulate(theta, study.record)
         seconds.append((time.perf_counter() - began) / batch)
+        if not found.done.any():
+            raise InputError(
+                "model", f"its trial run {Status(found.status[0]).words}: {found.reasons[0]}",
+                "a model that runs at a draw from the priors", "Correct the model, its files or the priors.",
+            )  # fmt: skip
+        if seconds[0] * batch > SLOW:
+            return seconds * 2
     return seconds

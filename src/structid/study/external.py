@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import ast
 import functools
 import importlib.util
 import sys
 from pathlib import Path
 from typing import Any
 
-import cloudpickle
-
 from structid.errors import InputError, suggestion
+from structid.journal import digest
 from structid.models.external import CallableModel, ExternalModel
 from structid.models.program import OutputFile, ProgramModel
 from structid.models.um_bridge import UMBridgeModel
@@ -69,22 +69,74 @@ def _python(section: PythonSection, free: tuple[str, ...], folder: Path) -> Call
         raise InputError(
             "key 'model.source'", f"there is no file {path}", "a Python file; its path starts at the study's folder"
         )
-    module = _imported(path)
-    function = getattr(module, section.function, None)
-    if not callable(function):
+    module = imported(path)
+    if not callable(getattr(module, section.function, None)):
         known = [n for n, v in vars(module).items() if callable(v) and getattr(v, "__module__", "") == module.__name__]
         raise InputError(
             "key 'model.function'", f"{path.name} has no function '{section.function}'", ", ".join(known) or "a function",
             suggestion(section.function, known),
         )  # fmt: skip
+    function = FunctionInFile(path, section.function)
     return CallableModel(function, free, section.channels, section.time_limit, version=section.version)
 
 
+class FunctionInFile:
+    """A function that another process imports from its file, instead of being sent it.
+
+    Parameters
+    ----------
+    path : Path
+        The file, where every process finds it.
+    name : str
+        The function.
+    """
+
+    def __init__(self, path: Path, name: str) -> None:
+        self.path, self.name = path, name
+        self.__wrapped__ = getattr(imported(path), name)
+        self.__name__ = name
+
+    def __reduce__(self) -> Any:
+        return (FunctionInFile, (self.path, self.name))
+
+    def __call__(self, *arguments: Any, **keywords: Any) -> Any:
+        """Call the function."""
+        return self.__wrapped__(*arguments, **keywords)
+
+    @property
+    def identity(self) -> str:
+        """Hash of what its file says, and the files it imports from the same folder; comments and layout do not count."""
+        folder = self.path.parent
+        files = {self.path}
+        for module in list(sys.modules.values()):
+            file = getattr(module, "__file__", None)
+            if file and file.endswith(".py") and Path(file).is_relative_to(folder) and "site-packages" not in file:
+                files.add(Path(file))
+        texts = {str(f.relative_to(folder)): ast.dump(ast.parse(f.read_text(encoding="utf-8"))) for f in sorted(files)}
+        return digest(self.name, texts)
+
+
 @functools.cache
-def _imported(path: Path) -> Any:
-    """Import a file as a module that is sent to other processes whole, since they may not find it."""
+def imported(path: Path) -> Any:
+    """Import a file as a module; what lies beside it can be imported from it.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    module
+        Imported once in a process.
+
+    Raises
+    ------
+    InputError
+        If it cannot be imported.
+    """
     if str(path.parent) not in sys.path:
-        sys.path.append(str(path.parent))  # for what it imports from beside it
+        sys.path.append(str(path.parent))
     specification = importlib.util.spec_from_file_location(f"structid_study_{path.stem}", path)
     assert specification is not None and specification.loader is not None
     module = importlib.util.module_from_spec(specification)
@@ -97,7 +149,6 @@ def _imported(path: Path) -> Any:
             f"{path.name} cannot be imported: {type(problem).__name__}: {problem}",
             "a Python file that runs",
         ) from problem
-    cloudpickle.register_pickle_by_value(module)
     return module
 
 

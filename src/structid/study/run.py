@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from structid.campaign.executors import mapping
+from structid.campaign.executors import mapping, open_pool
 from structid.campaign.runner import Campaign
+from structid.campaign.store import open_runs
 from structid.errors import InputError
 from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult
 from structid.inference.sampling import sample
-from structid.journal import compare_identity, write_then_rename
+from structid.journal import compare_identity, differences, write_then_rename
 from structid.models.base import JaxModel, Progress
 from structid.models.program import ProgramModel
 from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
@@ -98,6 +99,7 @@ def run_study(
     stage: Stage = silent,
     executor: Any = None,
     retry: bool = False,
+    adopt: bool = False,
 ) -> Outcome:
     """Run a study.
 
@@ -115,6 +117,8 @@ def run_study(
         Where the runs of an external model are done; see `Campaign.run`.
     retry : bool
         Do runs of the campaign again that failed before.
+    adopt : bool
+        Keep the campaign's runs of another version of the model; see `Campaign.run`.
 
     Returns
     -------
@@ -128,8 +132,10 @@ def run_study(
     """
     study = load(path)
     folder = Path(out)
-    _claim(folder, study, Path(path), resume or retry)
-    return _work(study, folder, stage, executor, retry)
+    if not isinstance(study.model, JaxModel):
+        open_pool(executor).close()  # an executor that is not there is said before a folder is taken
+    _claim(folder, study, Path(path), resume or retry or adopt, adopt)
+    return _work(study, folder, stage, executor, retry, adopt)
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
@@ -162,16 +168,26 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
     told = json.loads(identity.read_text())
-    study = build(_with_kept_inputs(folder, told["inputs"]), folder / _INPUTS, Path(told["folder"]))
-    compare_identity(folder, {"study": told["study"]}, {"study": study.content_hash})
+    file = _with_kept_inputs(folder, told["inputs"])
+    if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
+        return _runs_report(open_runs(folder / _RUNS), file, folder, _Timings(folder / _TIMINGS))
+    if not (folder / _CHAINS).is_file():
+        raise InputError(
+            f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
+            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+        )  # fmt: skip
+    study = build(file, folder / _INPUTS, Path(told["folder"]))
+    compare_identity(folder, told["study"], study.identity)
     return _work(study, folder, stage)
 
 
-def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool) -> None:
+def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
     """Take a folder for this study, or refuse it; nothing in it is touched when it is refused."""
     told = folder / _IDENTITY
     if told.is_file():
-        compare_identity(folder, {"study": json.loads(told.read_text())["study"]}, {"study": study.content_hash})
+        found = json.loads(told.read_text())["study"]
+        if not (adopt and differences(found, study.identity) == ["model"]):
+            compare_identity(folder, found, study.identity)
         if not resume:
             raise InputError(
                 f"--out {folder}",
@@ -188,7 +204,7 @@ def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool) -> None:
         shutil.copyfile(path, folder / _STUDY)
     inputs = _keep_inputs(study, folder)
     identity = {
-        "study": study.content_hash, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
+        "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
     }  # fmt: skip
     write_then_rename(told, json.dumps(identity, indent=2).encode())
 
@@ -229,23 +245,30 @@ def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
     return parse_study(turned(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))
 
 
-def _work(study: BuiltStudy, folder: Path, stage: Stage, executor: Any = None, retry: bool = False) -> Outcome:
+def _work(
+    study: BuiltStudy, folder: Path, stage: Stage, executor: Any = None, retry: bool = False, adopt: bool = False
+) -> Outcome:
     timings = _Timings(folder / _TIMINGS)
     if isinstance(study.model, ProgramModel):
         study.model.scratch = folder.resolve() / _SCRATCH
-    runs = _campaign(study, folder, stage, timings, executor, retry)
+    runs = _campaign(study, folder, stage, timings, executor, retry, adopt)
     if study.posterior is None:
         assert runs is not None
-        settings = (folder / _STUDY).read_text(encoding="utf-8")
-        page = write_campaign_report(runs, study.file.title or study.file.name, settings, folder, timings.seconds)
-        return Outcome(None, {}, page, runs)
+        return _runs_report(runs, study.file, folder, timings)
     # Only an external model's runs are spread: a built-in one runs in batches.
     with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
         return _calibration(replace(study, posterior=study.posterior.spread(spread)), folder, stage, timings, runs)
 
 
+def _runs_report(runs: Runs, file: StudyFile, folder: Path, timings: _Timings) -> Outcome:
+    settings = (folder / _STUDY).read_text(encoding="utf-8")
+    return Outcome(
+        None, {}, write_campaign_report(runs, file.title or file.name, settings, folder, timings.seconds), runs
+    )
+
+
 def _campaign(
-    study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, executor: Any, retry: bool
+    study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, executor: Any, retry: bool, adopt: bool
 ) -> Runs | None:
     """Do the true runs the study asks for, or read them back."""
     if study.campaign is None:
@@ -253,8 +276,9 @@ def _campaign(
     assert study.file.campaign is not None
     assignment = "cycle" if len(study.campaign_records) > 1 else None
     campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment)
-    with stage("true runs") as progress, timings.measured("true runs"):
-        return campaign.run(executor, retry=retry, attempts=study.file.campaign.attempts, progress=progress)
+    attempts = study.file.campaign.attempts
+    with stage("true runs") as progress, timings.added("true runs"):
+        return campaign.run(executor, retry=retry, attempts=attempts, adopt=adopt, progress=progress)
 
 
 def _calibration(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None) -> Outcome:
@@ -295,6 +319,14 @@ class _Timings:
     def put(self, name: str, seconds: float) -> None:
         self.seconds[name] = seconds
         write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
+
+    @contextmanager
+    def added(self, name: str) -> Iterator[None]:
+        """Add to what a stage has taken before: one that goes on where it was stopped."""
+        before = self.seconds.get(name, 0.0)
+        began = time.perf_counter()
+        yield
+        self.put(name, before + time.perf_counter() - began)
 
     @contextmanager
     def measured(self, name: str) -> Iterator[None]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
@@ -10,7 +11,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 import pydantic
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
-from structid.errors import InputError
+from structid.errors import InputError, suggestion
 from structid.models.bouc_wen import PARAMETER_UNITS
 from structid.models.shear_frame import STOREY_PARAMETERS
 from structid.units import to_si
@@ -267,7 +268,7 @@ class CampaignSection(Section):
     """A design of true runs, stored; see `Campaign`."""
 
     runs: int = Field(ge=1)
-    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "latin_hypercube"
+    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
     seed: int | None = Field(default=None, ge=0)
     channels: tuple[str, ...] = ()
     attempts: int = Field(default=1, ge=1)
@@ -390,7 +391,8 @@ def _problem(error: Any, content: dict[str, Any]) -> str:
     key = ".".join(str(s) for s in steps) or "the file"
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
-        return f"key '{key}': {cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
+        what = f"{cause.where}: " if cause.where.startswith("unit ") else ""
+        return f"key '{key}': {what}{cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
     match error["type"]:
         case "extra_forbidden":
             known = _known_keys(steps[:-1], content)
@@ -399,9 +401,12 @@ def _problem(error: Any, content: dict[str, Any]) -> str:
             return f"key '{key}': an unknown key. Allowed here: {', '.join(known)}.{hint}"
         case "missing":
             return f"key '{key}': it is missing. Add it."
-        case "literal_error" | "union_tag_invalid":
-            expected = error["ctx"].get("expected") or error["ctx"].get("expected_tags")
-            return f"key '{key}': {error['input']!r}. Allowed: {expected}."
+        case "literal_error":
+            return f"key '{key}': {error['input']!r}. Allowed: {error['ctx']['expected']}."
+        case "union_tag_invalid":
+            tag, expected = error["ctx"]["tag"], error["ctx"]["expected_tags"]
+            cure = suggestion(tag, re.findall(r"'(\w+)'", expected))
+            return f"key '{key}.type': '{tag}'. Allowed: {expected}. {cure}".rstrip()
         case "union_tag_not_found":
             return f"key '{key}.type': it is missing. Allowed: 'bouc_wen', 'shear_frame', 'python', 'program' or 'umbridge'."
         case _:

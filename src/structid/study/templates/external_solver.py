@@ -1,6 +1,6 @@
 """A solver to put yours in place of: an oscillator with a bilinear spring, stepped by central differences in plain Python.
 
-structid calls `respond` once for each run, in a process of its own: it may be slow, crash, hang or return too little, and the
+structid calls `respond` once for each run, in a child process: it may be slow, crash, hang or return too little, and the
 others go on. Parameters arrive in SI under the names the study file gives them; the histories go back in SI, a value for each
 sample of the record. Raise an exception where it fails; numbers that are not finite mean that it diverged there.
 """
