@@ -95,3 +95,34 @@ def fails_once(parameters, record):
         mark.touch()
         raise RuntimeError("the licence server is busy")
     return wave(parameters, record)
+
+
+def noisy_output(parameters, record):
+    """Solvers that treat their output badly, one after another in the same process."""
+    match int(parameters["a"]):
+        case 0:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        case 1:
+            sys.stdout.close()
+        case 2:
+            print("junk \x00 \x1b[31m \udcff".encode("utf-8", "surrogateescape").decode("latin-1"))
+            raise SolverError(ValueError("not a text"))
+        case 3:
+            print("here I stop")
+            sys.exit("no convergence in the first step")
+        case 4:
+            return np.ones(len(record)) * 1j
+    return np.ones(len(record))
+
+
+class Frame:
+    """A solver with a state."""
+
+    def __init__(self, mass):
+        self.mass = mass
+
+    def __call__(self, parameters, record):
+        return self.respond(parameters, record)
+
+    def respond(self, parameters, record):
+        return self.mass * wave(parameters, record)

@@ -413,3 +413,124 @@ def test_a_space_comes_back_from_its_plain_words(study_space):
         again = si.ParameterSpace.from_plain(json.loads(json.dumps(one.to_plain())))
         assert again.content_hash == one.content_hash
         np.testing.assert_array_equal(again.sample(9, seed=1).values, one.sample(9, seed=1).values)
+
+
+# --- what a review found --------------------------------------------------------------------------------------------
+
+
+def test_whatever_a_solver_prints_can_be_stored(tmp_path):
+    space = si.ParameterSpace(a=si.Uniform(0.0, 9.0))
+    design = si.Design(np.array([[0.0], [5.0], [1.0], [6.0], [2.0], [3.0], [4.0], [7.0]]), space)
+    model = si.CallableModel(solvers.noisy_output, ("a",), ("velocity",))
+    runs = si.Campaign(model, RECORD, design, tmp_path / "r.h5").run()
+    assert runs.done.tolist() == [True] * 4 + [False] * 3 + [True]
+    assert runs.reasons[4].startswith("not a text; it last said: junk � �[31m")
+    assert runs.reasons[5] == "exit code 1; it last said: here I stop\nno convergence in the first step"
+    assert "complex" in runs.reasons[6]
+
+
+def test_a_run_stopped_between_two_attempts_has_the_second_one(tmp_path, monkeypatch):
+    monkeypatch.setenv("MARKS", str(tmp_path))
+    path, design = tmp_path / "r.h5", SPACE.sample(5, seed=1)
+
+    def interrupted(done, total, failed):
+        if done >= 2:
+            raise KeyboardInterrupt
+
+    model = wave_model(solvers.fails_once)
+    with pytest.raises(KeyboardInterrupt):
+        si.Campaign(model, RECORD, design, path).run(attempts=2, progress=interrupted)
+    again = si.Campaign(model, RECORD, design, path).run(attempts=2)
+    assert again.done.all()  # also those whose first attempt was stored, and those that were under way
+
+
+def test_the_state_of_a_solver_is_part_of_its_identity():
+    def hashed(function):
+        return wave_model(function).content_hash
+
+    assert hashed(solvers.Frame(2.0)) == hashed(solvers.Frame(2.0)) != hashed(solvers.Frame(3.0))
+    assert (
+        hashed(solvers.Frame(2.0).respond) == hashed(solvers.Frame(2.0).respond) != hashed(solvers.Frame(3.0).respond)
+    )
+
+
+def test_runs_of_a_mended_solver_are_kept_when_asked(tmp_path, monkeypatch):
+    path, design = tmp_path / "r.h5", SPACE.sample(6, seed=1)
+
+    def limited(parameters, record):
+        if parameters["a"] > 0.5:
+            raise ValueError("out of range")
+        return solvers.wave(parameters, record)
+
+    before = si.Campaign(wave_model(limited), RECORD, design, path).run()
+    assert before.counts[Status.FAILED] == 3
+    good = before.values[before.done]
+    mended = si.Campaign(wave_model(), RECORD, design, path)
+    with pytest.raises(StoreMismatchError, match="--adopt"):
+        mended.run(retry=True)
+    after = mended.run(retry=True, adopt=True)
+    assert after.done.all() and sorted(after.attempts) == [1, 1, 1, 2, 2, 2]
+    np.testing.assert_array_equal(after.values[before.done], good)
+    assert mended.run().done.all()  # it is this model's store now
+    with pytest.raises(StoreMismatchError, match="records is"):
+        si.Campaign(wave_model(), RECORD.scale(2.0), design, path).run(adopt=True)
+
+
+def test_a_design_may_be_added_to_and_a_part_of_it_asked_for(tmp_path):
+    path, first, more = tmp_path / "r.h5", SPACE.sample(4, seed=1), SPACE.sample(3, seed=2)
+    whole = si.Campaign(wave_model(), RECORD, first + more, path).run()
+    content = path.read_bytes()
+    part = si.Campaign(wave_model(), RECORD, more, path).run()
+    np.testing.assert_array_equal(part.values, whole.values[4:])
+    assert path.read_bytes() == content
+    longer = SPACE.sample(8, seed=3, method="sobol"), SPACE.sample(16, seed=3, method="sobol")
+    np.testing.assert_array_equal(longer[1].values[:8], longer[0].values)
+    with pytest.raises(InputError, match="the same space"):
+        first + si.ParameterSpace(a=si.Uniform(0, 1)).sample(2, seed=1)
+
+
+def test_a_power_cut_leaves_zeros_or_damage(tmp_path):
+    """Zeros at the end are torn off; damage in the middle is told, and nothing is thrown away."""
+    path, design = tmp_path / "r.h5", SPACE.sample(6, seed=1)
+
+    def stopped(done, total, failed):
+        if done == 5:
+            raise KeyboardInterrupt
+
+    def interrupted():
+        with pytest.raises(KeyboardInterrupt):
+            si.Campaign(wave_model(isolated=False), RECORD, design, path).run(progress=stopped)
+
+    interrupted()
+    journal = stores.parts_of(path) / "journal"
+    whole = journal.read_bytes()
+    journal.write_bytes(whole + bytes(4096))
+    assert si.open_runs(path).done.sum() == 5
+    damaged = bytearray(whole)
+    damaged[len(whole) // 2] ^= 1
+    journal.write_bytes(damaged)
+    with pytest.warns(UserWarning, match="entries after that are not read"):
+        assert 0 < si.open_runs(path).done.sum() < 5
+    assert journal.with_name("journal.damaged").read_bytes() == bytes(damaged)
+    with pytest.warns(UserWarning, match="damaged"):
+        assert si.Campaign(wave_model(isolated=False), RECORD, design, path).run().done.all()
+
+
+def test_a_forked_worker_leaves_its_parents_child_alone():
+    model, design = wave_model(), SPACE.sample(4, seed=1)
+    assert model.simulate(design, RECORD).done.all()
+    with concurrent.futures.ProcessPoolExecutor(1, multiprocessing.get_context("fork")) as pool:
+        assert si.Campaign(model, RECORD, design).run(pool).done.all()
+    assert model.simulate(design, RECORD).done.all()
+
+
+def test_a_function_that_cannot_be_loaded_there_stops_the_campaign(tmp_path, monkeypatch):
+    (tmp_path / "only_here.py").write_text("def respond(p, r):\n    return r.values\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import only_here
+
+    model = wave_model(only_here.respond)
+    (tmp_path / "only_here.py").unlink()
+    __import__("shutil").rmtree(tmp_path / "__pycache__", ignore_errors=True)
+    with pytest.raises(CampaignStoppedError, match="could not be loaded: ModuleNotFoundError"):
+        si.Campaign(model, RECORD, SPACE.sample(3, seed=1)).run()

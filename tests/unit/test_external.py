@@ -401,3 +401,40 @@ def test_a_packed_call_does_its_work_wherever_it_is_unpickled():
     call = pickle.loads(pickle.dumps(packed(model, RECORD)))
     np.testing.assert_array_equal(attempt(call, task).values[:, 0], solvers.wave(task.parameters, RECORD))
     assert os.getpid()  # this process is none the worse
+
+
+# --- what a review found --------------------------------------------------------------------------------------------
+
+
+def test_a_program_that_hangs_has_said_something(tmp_path):
+    (tmp_path / "my solver").mkdir()
+    (tmp_path / "my solver" / "hang.py").write_text("print('step 17', flush=True)\nimport time; time.sleep(60)")
+    settings = dict(folder=tmp_path / "my solver", scratch=tmp_path / "scratch", time_limit=1.0)
+    command = f"{sys.executable} {{{{ folder }}}}/hang.py"
+    found = si.ProgramModel(command, ("a",), si.OutputFile("o", {"v": 0}), **settings).simulate(np.ones((1, 1)), RECORD)
+    assert found.reasons[0].startswith("no answer within 1 s; it last said: step 17 [kept: ")
+    tidy = si.ProgramModel(command, ("a",), si.OutputFile("o", {"v": 0}), keep="none", **settings)
+    left = len(list((tmp_path / "scratch").iterdir()))
+    assert "step 17" in tidy.simulate(np.ones((1, 1)), RECORD).reasons[0]
+    assert len(list((tmp_path / "scratch").iterdir())) == left
+
+
+def test_repeated_points_have_a_folder_each(program):
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(2) as pool:
+        assert program().simulate(np.repeat(STIFFNESS, 8, axis=0), RECORD, map=pool.map).done.all()
+
+
+def test_comments_and_fortran_numbers_in_a_programs_output(tmp_path):
+    (tmp_path / "o.py").write_text(
+        "open('o.txt', 'w').write('# 400 3\\n# t v\\n' + ''.join(f'{i} {i}.5D-01\\n' for i in range(400)))"
+    )
+    output = si.OutputFile("o.txt", {"velocity": "v"})
+    model = si.ProgramModel(f"{sys.executable} {{{{ folder }}}}/o.py", ("a",), output, folder=tmp_path)
+    np.testing.assert_allclose(model.simulate(np.ones((1, 1)), RECORD).values[0, :, 0], 0.1 * np.arange(400) + 0.05)
+
+
+def test_a_unit_that_measures_something_else_is_refused():
+    with pytest.raises(InputError, match=r"column 'velocity'.*kN"):
+        si.OutputFile("o", {"velocity": 0}, {"velocity": "kN"})

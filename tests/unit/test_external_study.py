@@ -184,3 +184,43 @@ def test_new_writes_the_solver_too_and_never_over_one(tmp_path):
     assert made.returncode == 0 and {p.name for p in tmp_path.iterdir()} == {"mine.toml", SOLVER}
     refused = structid("new", "second", "--like", "external", cwd=tmp_path)
     assert refused.returncode == 2 and SOLVER in refused.stderr and not (tmp_path / "second.toml").exists()
+
+
+def test_check_tries_the_solver(folder):
+    (folder / SOLVER).write_text(cli.template(SOLVER).replace("    damping = ", "    damping = undefined * "))
+    told = structid("check", "study.toml", cwd=folder)
+    assert told.returncode == 2
+    assert "its trial run failed: NameError: name 'undefined' is not defined (external_solver.py, line" in told.stderr
+
+
+def test_a_campaign_where_nothing_is_done_has_failed(folder):
+    (folder / SOLVER).write_text("def respond(p, r):\n    raise OSError('no licence')\n")
+    done = structid("run", "runs.toml", "--out", "out", cwd=folder)
+    assert done.returncode == 1 and "No run is done" in done.stderr
+    assert (folder / "out" / "report.html").exists()
+
+
+def test_more_runs_later_and_a_mended_solver(folder):
+    (folder / "helpers.py").write_text("import functools\n@functools.cache\ndef factor():\n    return 1.0\n")
+    (folder / SOLVER).write_text(
+        "import helpers\ndef respond(p, r):\n    if p['hardening'] > 0.25:\n        raise ValueError('too hard')\n"
+        "    return helpers.factor() * p['stiffness'] * r.values\n"
+    )
+    assert structid("run", "runs.toml", "--out", "out", "--executor", "processes:2", cwd=folder).returncode == 0
+    (folder / "runs.toml").write_text(RUNS_ONLY.replace("runs = 12", "runs = 20"))
+    more = structid("run", "runs.toml", "--out", "out", "--resume", cwd=folder)
+    assert more.returncode == 0 and "20 runs" in more.stdout, more.stderr
+    (folder / "helpers.py").write_text("def factor():\n    return 2.0\n")
+    refused = structid("run", "runs.toml", "--out", "out", "--retry", cwd=folder)
+    assert refused.returncode == 2 and "model is" in refused.stderr and "--adopt" in refused.stderr
+    assert structid("report", "out", cwd=folder).returncode == 0  # it needs the runs alone
+    (folder / SOLVER).write_text(
+        "import helpers  # mended\ndef respond(p, r):\n    return helpers.factor() * p['stiffness'] * r.values\n"
+    )
+    done = structid("run", "runs.toml", "--out", "out", "--retry", "--adopt", cwd=folder)
+    assert done.returncode == 0 and "20 done" in done.stdout, done.stderr
+
+
+def test_an_executor_that_is_not_there_takes_no_folder(folder):
+    refused = structid("run", "runs.toml", "--out", "out", "--executor", "processes:0", cwd=folder)
+    assert refused.returncode == 2 and not (folder / "out").exists()

@@ -122,6 +122,7 @@ class Keeper:
             except SystemExit as left:
                 code = left.code if isinstance(left.code, int) else int(left.code is not None)
                 if isinstance(left.code, str):
+                    _flush()
                     os.write(2, left.code.encode())
             finally:
                 _flush()
