@@ -15,6 +15,8 @@ import pytest
 import structid as si
 from structid.campaign import store as stores
 
+pytestmark = pytest.mark.slow  # three minutes of killing
+
 TESTS = Path(__file__).parents[1]
 RUNS = 500
 SCRIPT = f"""
