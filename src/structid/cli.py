@@ -141,6 +141,8 @@ def runs(
         median, longest = sorted(seconds)[len(seconds) // 2], seconds.max()
         total = duration(seconds.sum())
         screen.print(f"  {median:.3g} s a run (median), {longest:.3g} s at most, {total} of solver time in all")
+    if found.rate > 0:
+        screen.print(f"  {found.rate:.3g} runs/s over the last {min(100, len(found))}")
     if failed:
         _list_failed(found, whole)
 

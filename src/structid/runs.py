@@ -111,6 +111,8 @@ class Runs:
         Time of failure [s], wall time [s].
     attempts : ndarray of int, shape (run,), optional
         How often it was tried.
+    finished : ndarray, shape (run,), optional
+        When it ended, seconds of the epoch; NaN where that is not known.
     path : Path, optional
         The file they lie in, if they lie in one.
     """
@@ -125,6 +127,7 @@ class Runs:
     failure_time: np.ndarray = field(default=None)  # type: ignore[arg-type]
     seconds: np.ndarray = field(default=None)  # type: ignore[arg-type]
     attempts: np.ndarray = field(default=None)  # type: ignore[arg-type]
+    finished: np.ndarray = field(default=None)  # type: ignore[arg-type]
     path: Path | None = None
 
     def __post_init__(self) -> None:
@@ -138,6 +141,7 @@ class Runs:
             "failure_time": np.full(runs, np.nan),
             "seconds": np.full(runs, np.nan),
             "attempts": np.ones(runs, dtype=int),
+            "finished": np.full(runs, np.nan),
         }
         for name, default in defaults.items():
             if getattr(self, name) is None:
@@ -187,6 +191,12 @@ class Runs:
         return Counter(general_reason(r) for r in self.reasons if r).most_common()
 
     @property
+    def rate(self) -> float:
+        """Runs ended per second, over the last hundred of them; NaN if that is not known."""
+        last = np.sort(self.finished[np.isfinite(self.finished)])[-100:]
+        return float((len(last) - 1) / (last[-1] - last[0])) if len(last) > 1 and last[-1] > last[0] else float("nan")
+
+    @property
     def values(self) -> np.ndarray:
         """All histories in memory, shape (run, time, channel)."""
         return self.stored.read(np.arange(len(self)))
@@ -219,6 +229,7 @@ class Runs:
             failure_time=self.failure_time[index],
             seconds=self.seconds[index],
             attempts=self.attempts[index],
+            finished=self.finished[index],
             path=None,
         )
 

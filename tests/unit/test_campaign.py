@@ -204,13 +204,13 @@ def test_two_writers_are_one_too_many(tmp_path):
     held = []
 
     def told(done, total, failed):
-        if done == 2:
+        if done >= 2 and not held:
             with pytest.raises(InputError, match="another process is running this campaign"):
                 si.Campaign(wave_model(), RECORD, design, path).run()
             held.append(si.open_runs(path).done.sum())  # reading is allowed all the time
 
     assert si.Campaign(wave_model(), RECORD, design, path).run(progress=told).done.all()
-    assert held == [2]
+    assert held and held[0] >= 2
 
 
 def test_files_that_are_no_stores(tmp_path):
@@ -379,12 +379,12 @@ def test_ctrl_c_says_how_to_go_on(tmp_path):
     path = tmp_path / "r.h5"
 
     def interrupted(done, total, failed):
-        if done == 3:
+        if done >= 3:
             raise KeyboardInterrupt
 
-    with pytest.raises(KeyboardInterrupt, match=r"3 of 9 runs are stored\. Run the same campaign again"):
+    with pytest.raises(KeyboardInterrupt, match=r"[3-8] of 9 runs are stored\. Run the same campaign again"):
         si.Campaign(wave_model(), RECORD, SPACE.sample(9, seed=1), path).run(progress=interrupted)
-    assert si.open_runs(path).done.sum() == 3
+    assert 3 <= si.open_runs(path).done.sum() < 9
     assert si.Campaign(wave_model(), RECORD, SPACE.sample(9, seed=1), path).run().done.all()
 
 
@@ -482,7 +482,7 @@ def test_a_design_may_be_added_to_and_a_part_of_it_asked_for(tmp_path):
     content = path.read_bytes()
     part = si.Campaign(wave_model(), RECORD, more, path).run()
     np.testing.assert_array_equal(part.values, whole.values[4:])
-    assert path.read_bytes() == content
+    assert path.read_bytes() == content and [p.name for p in tmp_path.iterdir()] == ["r.h5"]
     longer = SPACE.sample(8, seed=3, method="sobol"), SPACE.sample(16, seed=3, method="sobol")
     np.testing.assert_array_equal(longer[1].values[:8], longer[0].values)
     with pytest.raises(InputError, match="the same space"):
@@ -491,10 +491,10 @@ def test_a_design_may_be_added_to_and_a_part_of_it_asked_for(tmp_path):
 
 def test_a_power_cut_leaves_zeros_or_damage(tmp_path):
     """Zeros at the end are torn off; damage in the middle is told, and nothing is thrown away."""
-    path, design = tmp_path / "r.h5", SPACE.sample(6, seed=1)
+    path, design = tmp_path / "r.h5", SPACE.sample(40, seed=1)
 
     def stopped(done, total, failed):
-        if done == 5:
+        if done >= 25:
             raise KeyboardInterrupt
 
     def interrupted():
@@ -503,14 +503,15 @@ def test_a_power_cut_leaves_zeros_or_damage(tmp_path):
 
     interrupted()
     journal = stores.parts_of(path) / "journal"
-    whole = journal.read_bytes()
+    whole, stored = journal.read_bytes(), si.open_runs(path).done.sum()
+    assert stored >= 25
     journal.write_bytes(whole + bytes(4096))
-    assert si.open_runs(path).done.sum() == 5
+    assert si.open_runs(path).done.sum() == stored
     damaged = bytearray(whole)
     damaged[len(whole) // 2] ^= 1
     journal.write_bytes(damaged)
     with pytest.warns(UserWarning, match="entries after that are not read"):
-        assert 0 < si.open_runs(path).done.sum() < 5
+        assert 0 < si.open_runs(path).done.sum() < stored
     assert journal.with_name("journal.damaged").read_bytes() == bytes(damaged)
     with pytest.warns(UserWarning, match="damaged"):
         assert si.Campaign(wave_model(isolated=False), RECORD, design, path).run().done.all()
@@ -534,3 +535,28 @@ def test_a_function_that_cannot_be_loaded_there_stops_the_campaign(tmp_path, mon
     __import__("shutil").rmtree(tmp_path / "__pycache__", ignore_errors=True)
     with pytest.raises(CampaignStoppedError, match="could not be loaded: ModuleNotFoundError"):
         si.Campaign(model, RECORD, SPACE.sample(3, seed=1)).run()
+
+
+def test_killed_while_the_parts_are_removed(tmp_path, monkeypatch):
+    """Some segments are left beside the finished file; the next ones must not take their names."""
+    monkeypatch.setattr(stores, "SEGMENT_BYTES", 10_000)  # three runs
+    path, first, more = tmp_path / "r.h5", SPACE.sample(12, seed=1), SPACE.sample(8, seed=2)
+    kept = tmp_path / "kept"
+    whole_removal = stores.shutil.rmtree
+
+    def half_removed(folder, **settings):
+        kept.mkdir()
+        for segment in sorted(folder.glob("segment-*"))[1:2]:
+            segment.rename(kept / segment.name)
+        whole_removal(folder, **settings)
+
+    monkeypatch.setattr(stores.shutil, "rmtree", half_removed)
+    before = si.Campaign(wave_model(isolated=False), RECORD, first, path).run().values
+    monkeypatch.setattr(stores.shutil, "rmtree", whole_removal)
+    stores.parts_of(path).mkdir()
+    for segment in kept.iterdir():
+        segment.rename(stores.parts_of(path) / segment.name)
+    runs = si.Campaign(wave_model(isolated=False), RECORD, first + more, path).run()
+    np.testing.assert_array_equal(runs.values[:12], before)
+    direct = wave_model(isolated=False).simulate((first + more).values, RECORD)
+    np.testing.assert_array_equal(runs.values, direct.values)

@@ -57,7 +57,12 @@ def test_a_study_of_runs_alone(folder):
     page = (folder / "out" / "report.html").read_text()
     assert "All 12 runs are done" in page and page.count("<figure>") == 1
     told = structid("runs", "out", cwd=folder)
-    assert told.returncode == 0 and "12 done" in told.stdout and "s a run (median)" in told.stdout
+    assert (
+        told.returncode == 0
+        and "12 done" in told.stdout
+        and "s a run (median)" in told.stdout
+        and "runs/s over the last 12" in told.stdout
+    )
     again = structid("report", "out", cwd=folder)
     assert again.returncode == 0, again.stderr
 

@@ -419,5 +419,6 @@ def as_runs(
         np.array([row.failure_time for row in rows]),
         np.array([row.seconds for row in rows]),
         np.array([row.attempts for row in rows]),
+        np.array([row.finished for row in rows], dtype=float),
         path,
     )

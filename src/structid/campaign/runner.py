@@ -16,7 +16,7 @@ from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
-from structid.models.base import JaxModel, Model
+from structid.models.base import Model
 from structid.models.external import ExternalModel, Outcome, PackedCall, attempt, packed
 from structid.probability.space import Design
 from structid.runs import Runs, record_numbers
@@ -126,7 +126,7 @@ class Campaign:
         retry : bool
             Do runs again that failed, timed out or diverged before.
         attempts : int
-            How often a run that fails or times out is tried in this campaign.
+            How often a run that fails or times out is tried, earlier attempts that are stored included.
         adopt : bool
             Keep the stored runs of another version of the model, which would be refused otherwise: after a solver has been mended,
             say, in a way that leaves the runs it has done as they are.
@@ -159,10 +159,10 @@ class Campaign:
             if todo:
                 store.describe(self.keys, self.design.values, self.record_of_run)
                 count = _Counter(store, self.keys, todo, progress)
-                if isinstance(self.model, JaxModel) or not isinstance(self.model, ExternalModel):
-                    self._in_batches(store, todo, count)
-                else:
+                if isinstance(self.model, ExternalModel):
                     self._one_by_one(store, todo, count, executor, attempts, retry)
+                else:
+                    self._in_batches(store, todo, count)
             return store.finish(self.keys, self.design.values, self.record_of_run)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"Stopped: {self._progress_in(store)}. {self._how_to_go_on}") from None

@@ -5,7 +5,7 @@ journal is sealed into a segment, written whole and renamed; at the end the segm
 
     runs.h5.parts/design           the points, and what all runs share
     runs.h5.parts/journal          the newest runs, each on disk before the next result is awaited
-    runs.h5.parts/segment-0001.h5  sealed runs
+    runs.h5.parts/segment-000001.h5  sealed runs
     runs.h5                        all runs, when the campaign has ended; the parts are gone then
 """
 
@@ -186,12 +186,16 @@ class RunStore:
             _, keys, theta, record_of_run = _design_in(self._designs, self.path)
             place = {key: i for i, key in enumerate(keys)}
             points = [place[key] for key in rows]
-            number = len(segments_of(self.path)) + 1
-            segment = self.parts / f"segment-{number:04d}.h5"
+            segment = self._next_segment()
             run_file.write(segment, self.header, theta[points], record_of_run[points], list(rows.values()))
             self.rows.update(run_file.read_rows(segment))
         with _plain_errors(self.path):
             self._journal.remove()
+
+    def _next_segment(self) -> Path:
+        """Name the next segment: never one that is there, even where a kill has left some of an earlier campaign's."""
+        last = max((int(p.stem.partition("-")[2]) for p in segments_of(self.path)), default=0)
+        return self.parts / f"segment-{last + 1:06d}.h5"
 
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
         """Put everything together into one file, in the design's order, and remove the parts.
@@ -222,6 +226,8 @@ class RunStore:
     def close(self) -> None:
         """Let go of the store; everything stays as it is."""
         if self._lock is not None:
+            if [p.name for p in self.parts.glob("*")] == ["lock"]:  # nothing was begun
+                shutil.rmtree(self.parts, ignore_errors=True)
             os.close(self._lock)
             self._lock = None
 
