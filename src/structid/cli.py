@@ -261,7 +261,7 @@ def _describe(built: BuiltStudy) -> None:
 
 def _list_failed(found: Runs, whole: bool) -> None:
     from structid.errors import Status
-    from structid.runs import short_reason
+    from structid.reasons import short_reason
 
     factors, units = found.design.space.factors, found.design.space.units.values()
     for i in range(len(found)):

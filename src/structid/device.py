@@ -16,14 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
-
-def _available_cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+from structid.cores import available_cores
 
 
 def _set_up() -> None:
     jax.config.update("jax_enable_x64", True)
-    cores = int(os.environ.get("JAX_NUM_CPU_DEVICES", _available_cores()))
+    cores = int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores()))
     # XLA runs one scan on one core, so each core becomes a device of its own and a batch is spread over them.
     # Where the caller has used JAX already, its devices stay as they are.
     with contextlib.suppress(RuntimeError):

@@ -327,6 +327,8 @@ def _described_object(value: Any, seen: set[int]) -> Any:
         for name in (slots,) if isinstance(slots, str) else slots:
             if hasattr(value, name):
                 state[name] = getattr(value, name)
+    # What is kept of a cached property depends on whether somebody has asked for it, and says nothing new.
+    state = {k: v for k, v in state.items() if not isinstance(getattr(type(value), k, None), functools.cached_property)}
     described = {k: _described(v, seen) for k, v in sorted(state.items())}
     return [_described(type(value), seen) if "__call__" in vars(type(value)) else type(value).__qualname__, described]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,17 +15,12 @@ from structid.errors import InputError, Status, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories, display_unit
 from structid.probability.space import Design
+from structid.reasons import general_reason
 from structid.units import factor
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
-
-
-_PLACE = re.compile(r" \[kept: [^\]]*\]")
-_NUMBER = re.compile(
-    r"(?<!within )(?<![\w.])[-+]?(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?!\w)|(?<=returned )\d+|(?<=from )\d+(?= s on)"
-)
 
 
 class Values(Protocol):
@@ -390,42 +384,6 @@ class _Some:
 
     def read(self, rows: np.ndarray) -> np.ndarray:
         return self.whole.read(self.rows[rows])
-
-
-def general_reason(reason: str) -> str:
-    """Make reasons that differ in their numbers and places alike, so that they can be counted.
-
-    Parameters
-    ----------
-    reason : str
-        ``"not finite from 3.41 s on"``.
-
-    Returns
-    -------
-    str
-        ``"not finite from … s on"``, one line.
-    """
-    return _NUMBER.sub("…", short_reason(_PLACE.sub("", reason)))
-
-
-def short_reason(reason: str) -> str:
-    """Put a reason on one line: how the run ended, and the last line the solver said.
-
-    Parameters
-    ----------
-    reason : str
-        Up to a page of it.
-
-    Returns
-    -------
-    str
-        One line.
-    """
-    place = _PLACE.search(reason)
-    how, said, words = _PLACE.sub("", reason).partition("; it last said: ")
-    lines = [line.strip() for line in words.splitlines() if line.strip()]
-    text = how.split("\n")[0] + (said + lines[-1] if lines else "")
-    return (text if len(text) <= 160 else text[:159] + "…") + (place.group() if place else "")
 
 
 def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> np.ndarray:

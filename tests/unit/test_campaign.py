@@ -4,6 +4,7 @@ import concurrent.futures
 import multiprocessing
 import os
 import resource
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -18,7 +19,7 @@ import structid as si
 from structid.campaign import store as stores
 from structid.campaign.executors import mapping
 from structid.errors import CampaignStoppedError, InputError, Status, StoreError, StoreMismatchError
-from structid.runs import general_reason
+from structid.reasons import general_reason
 
 RECORD = si.GroundMotion(np.sin(np.arange(300) * 0.05), 0.01, "sine")
 SHORT = si.GroundMotion(np.cos(np.arange(200) * 0.05), 0.02, "cosine")
@@ -532,7 +533,7 @@ def test_a_function_that_cannot_be_loaded_there_stops_the_campaign(tmp_path, mon
 
     model = wave_model(only_here.respond)
     (tmp_path / "only_here.py").unlink()
-    __import__("shutil").rmtree(tmp_path / "__pycache__", ignore_errors=True)
+    shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
     with pytest.raises(CampaignStoppedError, match="could not be loaded: ModuleNotFoundError"):
         si.Campaign(model, RECORD, SPACE.sample(3, seed=1)).run()
 

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def test_a_run_in_the_calling_process_gives_the_same():
 
 
 def test_a_function_that_cannot_travel_is_told_so_at_once():
-    lock = __import__("threading").Lock()
+    lock = threading.Lock()
     with pytest.raises(InputError, match=r"cannot be sent to another process.*isolated=False"):
         outcomes(lambda p, r: lock and r.values, [1.0])
     assert outcomes(lambda p, r: lock and r.values, [1.0], isolated=False).done.all()

@@ -229,3 +229,12 @@ def test_more_runs_later_and_a_mended_solver(folder):
 def test_an_executor_that_is_not_there_takes_no_folder(folder):
     refused = structid("run", "runs.toml", "--out", "out", "--executor", "processes:0", cwd=folder)
     assert refused.returncode == 2 and not (folder / "out").exists()
+
+
+def test_a_server_in_a_study_that_does_not_answer(folder):
+    pytest.importorskip("umbridge")
+    start, end = RUNS_ONLY.index('type = "python"'), RUNS_ONLY.index("[parameters.stiffness]")
+    section = 'type = "umbridge"\nurl = "http://127.0.0.1:9"\nmodel = "wave"\nchannels = ["velocity"]\n\n'
+    (folder / "served.toml").write_text(RUNS_ONLY[:start] + section + RUNS_ONLY[end:])
+    runs = run_study(folder / "served.toml", folder / "out").runs
+    assert runs.counts[Status.FAILED] == 12 and "the server at http://127.0.0.1:9 did not answer" in runs.reasons[0]

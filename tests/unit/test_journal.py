@@ -89,3 +89,25 @@ def test_a_functions_identity_knows_what_it_uses_of_its_module(tmp_path):
         ("range(3)", "range(4)"),
     ):
         assert old in text and loaded(text.replace(old, new, 1)) != same, old
+
+
+def test_an_identity_does_not_depend_on_what_was_asked_before():
+    from functools import cached_property
+
+    from structid.journal import function_identity
+
+    class Law:
+        k = 3.0
+
+        @cached_property
+        def table(self):
+            return [1, 2, 3]
+
+        def __call__(self, p, r):
+            return self.table
+
+    law = Law()
+    before = function_identity(law)
+    assert law.table and function_identity(law) == before
+    law.k = 4.0
+    assert function_identity(law) != before

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import os
+import math
 import queue
 import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ThreadPoolExecutor
 from typing import Any
 
-import numpy as np
-
+from structid.cores import available_cores
 from structid.errors import CampaignStoppedError, InputError
 from structid.models import external
 from structid.models.watchdog import Watchdog
@@ -187,17 +186,6 @@ def open_pool(executor: Any) -> Pool:
     raise InputError("executor", f"{executor!r}", ALLOWED)
 
 
-def available_cores() -> int:
-    """Count the cores this process may use.
-
-    Returns
-    -------
-    int
-        How many.
-    """
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _local(workers: int) -> Pool:
     """Threads, each the owner of a child process that does its runs."""
     guards: list[Watchdog] = []
@@ -238,7 +226,7 @@ def _connected(address: str) -> Any:
 
 
 def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
-    asked, threads = -np.inf, 0
+    asked, threads = -math.inf, 0
 
     def workers() -> int:
         nonlocal asked, threads

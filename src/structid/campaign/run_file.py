@@ -127,37 +127,6 @@ class FileSource:
             return values[distinct][back] if len(distinct) else np.empty((0, *values.shape[1:]))
 
 
-@dataclass(frozen=True, eq=False)
-class FileValues:
-    """All histories of a finished file, read when they are asked for.
-
-    Parameters
-    ----------
-    source : FileSource
-        The file.
-    shape : tuple of int
-        (run, time, channel).
-    """
-
-    source: FileSource
-    shape: tuple[int, int, int]
-
-    def read(self, rows: np.ndarray) -> np.ndarray:
-        """Read some runs; see `Values.read`.
-
-        Parameters
-        ----------
-        rows : ndarray of int
-            Which.
-
-        Returns
-        -------
-        ndarray, shape (n, time, channel)
-            In SI.
-        """
-        return self.source.read(np.asarray(rows))
-
-
 def write(
     path: Path,
     header: Header,

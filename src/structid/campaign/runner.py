@@ -152,10 +152,10 @@ class Campaign:
         header = Header(self.identity, self.design.space, self.records, self.model.channels)
         store = MemoryStore(header) if self.store is None else RunStore(self.store, header, adopt)
         try:
-            if self.store is not None and self._is_part_of(store) and not self._todo(store, retry, attempts):
+            todo = self._todo(store, retry, attempts)
+            if not todo and self._is_part_of(store):
                 return self._selected()
             self._check_points(store)
-            todo = self._todo(store, retry, attempts)
             if todo:
                 store.describe(self.keys, self.design.values, self.record_of_run)
                 count = _Counter(store, self.keys, todo, progress)

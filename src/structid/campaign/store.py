@@ -18,7 +18,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from structid.campaign import run_file
-from structid.campaign.run_file import FileSource, FileValues, Header, Row
+from structid.campaign.run_file import Header, Row
 from structid.errors import InputError, Status, StoreError
 from structid.journal import Journal, compare_identity, differences
 from structid.models.external import Outcome
@@ -91,7 +91,7 @@ class RunStore:
         self._journal = Journal(self.parts / "journal", header.identity)
         self._designs = Journal(self.parts / "design", header.identity)
         self.rows: dict[str, Row] = {}
-        for file in self._files():
+        for file in _files_of(self.path):
             self.rows.update(run_file.read_rows(file))
         for rows in _journalled(self._journal):
             self.rows.update(rows)
@@ -109,10 +109,6 @@ class RunStore:
         for part in self.parts.iterdir():
             if part.name != "lock":
                 part.unlink()
-
-    def _files(self) -> list[Path]:
-        """The finished file and the segments, oldest first."""
-        return [p for p in (self.path, *segments_of(self.path)) if p.exists()]
 
     def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
         """Put the design on disk, so that what is pending is known to whoever opens the store.
@@ -152,24 +148,7 @@ class RunStore:
         """
         if not finished:
             return
-        values = np.full((len(finished), self.header.samples, len(self.header.channels)), np.nan)
-        for row, run in zip(values, finished, strict=True):
-            row[: len(run.outcome.values)] = run.outcome.values
-        now = time.time()
-        # In one text: every array of an entry costs as much as a thousand numbers.
-        told = [
-            [
-                f.key,
-                int(f.outcome.status),
-                printable(f.outcome.reason),
-                f.outcome.failure_time,
-                f.outcome.seconds,
-                f.attempts,
-                now,
-            ]
-            for f in finished
-        ]
-        entry = {"told": np.array(json.dumps(told)), "values": values}
+        entry = _entry(finished, self.header)
         with _plain_errors(self.path):
             self._journal.append(entry)
         # What is known of them stays in memory, their histories do not.
@@ -215,7 +194,7 @@ class RunStore:
             Lying in that file.
         """
         self._seal()
-        rows = [self.rows.get(key) or _pending(key) for key in keys]
+        rows = _in_order(self.rows, keys)
         if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
             run_file.write(self.path, self.header, theta, record_of_run, rows)
         # While the lock is held: nobody else may have begun to fill the parts.
@@ -262,21 +241,9 @@ class MemoryStore:
         finished : sequence of Finished
             Runs that have ended.
         """
-        for run in finished:
-            values = np.full((1, self.header.samples, len(self.header.channels)), np.nan)
-            values[0, : len(run.outcome.values)] = run.outcome.values
-            o = run.outcome
-            self.rows[run.key] = Row(
-                run.key,
-                int(o.status),
-                o.reason,
-                o.failure_time,
-                o.seconds,
-                run.attempts,
-                time.time(),
-                InMemory(values),
-                0,
-            )
+        if finished:
+            entry = _entry(finished, self.header)
+            self.rows.update(_rows_of(entry, InMemory(entry["values"])))
 
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
         """Give what there is; see `RunStore.finish`.
@@ -291,7 +258,7 @@ class MemoryStore:
         Runs
             In memory.
         """
-        rows = [self.rows.get(key) or _pending(key) for key in keys]
+        rows = _in_order(self.rows, keys)
         return run_file.as_runs(self.header, theta, record_of_run, rows, _Scattered(rows, self.header), None)
 
     def close(self) -> None:
@@ -346,6 +313,11 @@ def segments_of(path: Path) -> list[Path]:
     return sorted(parts_of(path).glob("segment-*.h5"))
 
 
+def _files_of(path: Path) -> list[Path]:
+    """The finished file and the segments, oldest first."""
+    return [p for p in (path, *segments_of(path)) if p.exists()]
+
+
 def open_runs(path: str | os.PathLike[str]) -> Runs:
     """Open the runs of a campaign to read them, finished or not; nothing on disk is changed.
 
@@ -372,10 +344,8 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
             f"{path}", "there is no such store", "a file that a Campaign has made, or the folder of a study with one"
         )
     stored = _settled(path)
-    values: Any = _Scattered(stored.rows, stored.header)
+    values = _Scattered(stored.rows, stored.header)
     finished = not (parts_of(path) / "design").exists()
-    if finished:
-        values = FileValues(FileSource(path), values.shape)
     return run_file.as_runs(
         stored.header, stored.theta, stored.record_of_run, stored.rows, values, path if finished else None
     )
@@ -408,13 +378,13 @@ def _settled(path: Path) -> _Stored:
 
 def _layout(path: Path) -> list[str]:
     journal = parts_of(path) / "journal"
-    return [str(p) for p in (path, *segments_of(path), journal) if p.exists()]
+    return [str(p) for p in (*_files_of(path), journal) if p.exists()]
 
 
 def _stored(path: Path) -> _Stored:
     parts = parts_of(path)
     found: dict[str, Row] = {}
-    for file in (p for p in (path, *segments_of(path)) if p.exists()):
+    for file in _files_of(path):
         found.update(run_file.read_rows(file))
     if (parts / "design").exists():
         header, keys, theta, record_of_run = _design_in(Journal.read(parts / "design"), path)
@@ -424,7 +394,7 @@ def _stored(path: Path) -> _Stored:
     if (parts / "journal").exists():
         for some in _journalled(Journal.read(parts / "journal")):
             found.update(some)
-    return _Stored(header, theta, record_of_run, [found.get(key) or _pending(key) for key in keys])
+    return _Stored(header, theta, record_of_run, _in_order(found, keys))
 
 
 # --- entries of the journal -----------------------------------------------------------------------------------------
@@ -463,12 +433,29 @@ def _journalled(journal: Journal) -> Iterator[dict[str, Row]]:
         yield _rows_of(entry, InMemory(entry["values"]))
 
 
+def _entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
+    """Runs that have ended, as they are journalled: one text and one array, since each array costs as much as 1000 numbers."""
+    values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
+    told = []
+    for row, run in zip(values, finished, strict=True):
+        o = run.outcome
+        row[: len(o.values)] = o.values
+        reason = printable(o.reason)
+        told.append([run.key, int(o.status), reason, o.failure_time, o.seconds, run.attempts, time.time()])
+    return {"told": np.array(json.dumps(told)), "values": values}
+
+
 def _rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
     rows = {}
     for position, told in enumerate(json.loads(str(entry["told"]))):
         key, status, reason, failure_time, seconds, attempts, finished = told
         rows[key] = Row(key, status, reason, failure_time, seconds, attempts, finished, source, position)
     return rows
+
+
+def _in_order(rows: Mapping[str, Row], keys: Sequence[str]) -> list[Row]:
+    """A row for each key; pending where there is none."""
+    return [rows.get(key) or _pending(key) for key in keys]
 
 
 def _pending(key: str) -> Row:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -106,7 +107,7 @@ class Excitation:
         """Time of the last sample [s]."""
         return (self.values.size - 1) * self.dt
 
-    @property
+    @functools.cached_property
     def content_hash(self) -> str:
         """Hash of everything a response depends on."""
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)

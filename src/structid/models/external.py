@@ -25,6 +25,7 @@ from structid.histories import Histories
 from structid.journal import digest, function_identity
 from structid.models.base import Map, Model, Progress
 from structid.models.watchdog import LAST_WORDS, CallDiedError, CallTimeoutError, NotLoadedError, Watchdog
+from structid.reasons import with_words
 
 STANDARD_OUTPUT = "output.txt"
 """What a program says is kept in this file of its scratch folder."""
@@ -343,15 +344,15 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
     except NotLoadedError as problem:
         raise CampaignStoppedError(str(problem)) from None
     except CallTimeoutError as limit:
-        return Outcome(
-            nothing, Status.TIMED_OUT, f"{limit}{_left_behind(call, task)}{kept}", 0.0, call.time_limit or 0.0
-        )
+        reason = with_words(str(limit), _left_behind(call, task)) + kept
+        return Outcome(nothing, Status.TIMED_OUT, reason, 0.0, call.time_limit or 0.0)
     except CallDiedError as death:
         return Outcome(nothing, Status.FAILED, f"{death}{kept}", 0.0, time.perf_counter() - began)
     except Exception as problem:  # what it returned could not be pickled
         return Outcome(nothing, Status.FAILED, f"{type(problem).__name__}: {problem}", 0.0, time.perf_counter() - began)
-    words = guard.last_words() if outcome.status == Status.FAILED and "last said" not in outcome.reason else ""
-    return replace(outcome, reason=f"{outcome.reason}; it last said: {words}") if words else outcome
+    if outcome.status == Status.FAILED:
+        outcome = replace(outcome, reason=with_words(outcome.reason, guard.last_words()))
+    return outcome
 
 
 def _left_behind(call: PackedCall, task: Task) -> str:
@@ -361,7 +362,7 @@ def _left_behind(call: PackedCall, task: Task) -> str:
         if not call.keeps:
             shutil.rmtree(folder, ignore_errors=True)
         if words.strip():
-            return f"; it last said: {words.decode(errors='replace').strip()}"
+            return words.decode(errors="replace").strip()
     return ""
 
 

@@ -24,6 +24,7 @@ from structid.journal import digest
 from structid.models.external import STANDARD_OUTPUT, ExternalModel, SolverError, Task
 from structid.models.keeper import ended_by
 from structid.models.watchdog import LAST_WORDS
+from structid.reasons import with_words
 from structid.units import factor, to_si
 
 
@@ -145,12 +146,11 @@ class ProgramModel(ExternalModel):
 
     def _check_templates(self) -> None:
         """Render everything once with ones for parameters, so that a misspelt name is found at the door."""
-        record = Excitation(np.zeros(2), 0.01, "check")
-        task = Task(dict.fromkeys(self.free, 1.0), "check", 0)
+        names = self._sample_names()
         where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
             try:
-                self._rendered(text, task, record)
+                _rendered(text, names)
             except jinja2.UndefinedError as problem:
                 known = ", ".join([*self.free, *self.constants, "record", "folder", "cores", "seed"])
                 raise InputError(where[name], f"{problem}", known, "Correct the name, or add a constant.") from None
@@ -160,10 +160,9 @@ class ProgramModel(ExternalModel):
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of command, templates, constants, the copied files, and of the files in the command that lie in the folder."""
-        record = Excitation(np.zeros(2), 0.01, "check")
-        task = Task(dict.fromkeys(self.free, 1.0), "check", 0)
-        words = [self._rendered(word, task, record) for word in split_command(self.command)]
+        """Hash of command, templates, constants, and of what the copied files and those the command names hold."""
+        names = self._sample_names()
+        words = [_rendered(word, names) for word in split_command(self.command)]
         named = [self.folder / (shutil.which(words[0]) or words[0]), *(self.folder / word for word in words[1:])]
         files = [path for path in (*self.copies, *named) if path.is_file()]
         contents = [(path.name, digest(path.read_bytes().hex())) for path in files]
@@ -194,18 +193,16 @@ class ProgramModel(ExternalModel):
             If it ended badly, or left nothing that can be read.
         """
         scratch = self._fresh_folder(task)
+        complete = False
         try:
             values = self._solve_in(scratch, task, excitation)
-        except SolverError:
-            self.kept = None if self.keep == "none" else scratch
-            if self.kept is None:
+            complete = bool(len(values) == len(excitation) and np.isfinite(values).all())
+            return values
+        finally:
+            stays = self.keep == "all" or (self.keep == "failed" and not complete)
+            self.kept = scratch if stays else None
+            if not stays:
                 shutil.rmtree(scratch, ignore_errors=True)
-            raise
-        complete = len(values) == len(excitation) and np.isfinite(values).all()
-        self.kept = None if self.keep == "none" or (self.keep == "failed" and complete) else scratch
-        if self.kept is None:
-            shutil.rmtree(scratch, ignore_errors=True)
-        return values
 
     def _fresh_folder(self, task: Task) -> Path:
         self.scratch.mkdir(parents=True, exist_ok=True)
@@ -216,16 +213,17 @@ class ProgramModel(ExternalModel):
         return Path(tempfile.mkdtemp(prefix=f"{task.name}-{task.attempt}-", dir=self.scratch))
 
     def _solve_in(self, scratch: Path, task: Task, excitation: Excitation) -> np.ndarray:
+        names = self._names(task, excitation)
         for path in self.copies:
             shutil.copy(path, scratch / path.name)
         for name, text in self.templates.items():
             target = scratch / name
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(self._rendered(text, task, excitation), encoding="utf-8")
+            target.write_text(_rendered(text, names), encoding="utf-8")
         if self.record_file is not None:
             np.savetxt(scratch / self.record_file, excitation.values, fmt="%.17g")
         # Split first: a folder's name may hold spaces.
-        command = [self._rendered(word, task, excitation) for word in split_command(self.command)]
+        command = [_rendered(word, names) for word in split_command(self.command)]
         said = scratch / STANDARD_OUTPUT
         try:
             with said.open("wb") as voice:
@@ -242,8 +240,7 @@ class ProgramModel(ExternalModel):
             raise SolverError(f"'{command[0]}' could not be started: {problem.strerror}") from None
         if ended.returncode != 0:
             words = said.read_bytes()[-LAST_WORDS:].decode(errors="replace").strip()
-            reason = ended_by(ended.returncode) + (f"; it last said: {words}" if words else "")
-            raise SolverError(reason, self._what_there_is(scratch, excitation))
+            raise SolverError(with_words(ended_by(ended.returncode), words), self._what_there_is(scratch, excitation))
         return read_output(scratch, self.output, excitation)
 
     def _what_there_is(self, scratch: Path, excitation: Excitation) -> np.ndarray | None:
@@ -253,12 +250,17 @@ class ProgramModel(ExternalModel):
         except SolverError:
             return None
 
-    def _rendered(self, text: str, task: Task, excitation: Excitation) -> str:
+    def _names(self, task: Task, excitation: Excitation) -> dict[str, Any]:
+        """What command and templates know."""
         record = {
             "name": excitation.name, "dt": excitation.dt, "samples": len(excitation), "values": excitation.values.tolist(),
         }  # fmt: skip
-        names = {**self.constants, **task.parameters, "seed": task.seed}
-        return _environment().from_string(text).render(**names, record=record, folder=str(self.folder), cores=1)
+        own = {"seed": task.seed, "record": record, "folder": str(self.folder), "cores": 1}
+        return {**self.constants, **task.parameters, **own}
+
+    def _sample_names(self) -> dict[str, Any]:
+        """Names with ones for parameters, to see what command and templates make of them."""
+        return self._names(Task(dict.fromkeys(self.free, 1.0), "check", 0), Excitation(np.zeros(2), 0.01, "check"))
 
     def __repr__(self) -> str:
         return f"ProgramModel({self.command}: {', '.join(self.free)} -> {', '.join(self.channels)})"
@@ -294,6 +296,10 @@ def _environment() -> jinja2.Environment:
     # Seventeen digits: a parameter reaches the program to the last bit.
     environment.finalize = lambda value: f"{value:.17g}" if isinstance(value, float) else value
     return environment
+
+
+def _rendered(text: str, names: Mapping[str, Any]) -> str:
+    return _environment().from_string(text).render(**names)
 
 
 def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> np.ndarray:

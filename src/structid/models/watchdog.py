@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.models.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
+from structid.reasons import with_words
 
 LAST_WORDS = 2000
 """Characters kept of what a failed call said on its way."""
@@ -137,7 +138,7 @@ class Watchdog:
         except (EOFError, OSError) as cause:
             words = self.last_words()
             self.close()
-            raise CallDiedError(_with_words("its keeper was killed", words)) from cause
+            raise CallDiedError(with_words("its keeper was killed", words)) from cause
         except KeyboardInterrupt:
             self.close()  # the answer to this call must not be taken for that of the next
             raise
@@ -147,7 +148,7 @@ class Watchdog:
                 return result
             raise result
         kind = {TIMED_OUT: CallTimeoutError, NOT_LOADED: NotLoadedError}.get(answer[:1], CallDiedError)
-        raise kind(_with_words(answer[1:].decode(), self.last_words()))
+        raise kind(with_words(answer[1:].decode(), self.last_words()))
 
     def last_words(self) -> str:
         """Return the end of what was said in the last call.
@@ -190,10 +191,6 @@ class Watchdog:
         self._kept = _Kept(process, Connection(ours.detach()), write_end, voice)
         self._finalizer = weakref.finalize(self, self._kept.bury)
         return self._kept
-
-
-def _with_words(what: str, words: str) -> str:
-    return f"{what}; it last said: {words}" if words else what
 
 
 def _nameless_file() -> int:

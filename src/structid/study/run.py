@@ -274,10 +274,9 @@ def _campaign(
     if study.campaign is None:
         return None
     assert study.file.campaign is not None
-    assignment = "cycle" if len(study.campaign_records) > 1 else None
-    campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment)
+    campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment="cycle")
     attempts = study.file.campaign.attempts
-    with stage("true runs") as progress, timings.added("true runs"):
+    with stage("true runs") as progress, timings.measured("true runs", goes_on=True):
         return campaign.run(executor, retry=retry, attempts=attempts, adopt=adopt, progress=progress)
 
 
@@ -321,18 +320,12 @@ class _Timings:
         write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
 
     @contextmanager
-    def added(self, name: str) -> Iterator[None]:
-        """Add to what a stage has taken before: one that goes on where it was stopped."""
-        before = self.seconds.get(name, 0.0)
+    def measured(self, name: str, goes_on: bool = False) -> Iterator[None]:
+        """Measure a stage; one that goes on where it was stopped adds to what it has taken before."""
+        before = self.seconds.get(name, 0.0) if goes_on else 0.0
         began = time.perf_counter()
         yield
         self.put(name, before + time.perf_counter() - began)
-
-    @contextmanager
-    def measured(self, name: str) -> Iterator[None]:
-        began = time.perf_counter()
-        yield
-        self.put(name, time.perf_counter() - began)
 
 
 def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings) -> dict[str, OptimizeResult]:
