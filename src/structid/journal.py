@@ -290,7 +290,7 @@ def _described(value: Any, seen: set[int]) -> Any:
         return sorted((_described(v, seen) for v in value), key=repr)
     if isinstance(value, Mapping):
         return {str(k): _described(v, seen) for k, v in value.items()}
-    if isinstance(value, (np.ndarray, np.generic)):
+    if hasattr(value, "__array__"):  # NumPy's, JAX's, a table's
         return digest(np.asarray(value))
     if isinstance(value, types.ModuleType):
         return value.__name__
@@ -325,7 +325,7 @@ def _described_object(value: Any, seen: set[int]) -> Any:
     for kind in type(value).__mro__:
         slots = getattr(kind, "__slots__", ())
         for name in (slots,) if isinstance(slots, str) else slots:
-            if hasattr(value, name):
+            if name not in _NOT_BEHAVIOUR and hasattr(value, name):
                 state[name] = getattr(value, name)
     # What is kept of a cached property depends on whether somebody has asked for it, and says nothing new.
     state = {k: v for k, v in state.items() if not isinstance(getattr(type(value), k, None), functools.cached_property)}

@@ -111,3 +111,16 @@ def test_an_identity_does_not_depend_on_what_was_asked_before():
     assert law.table and function_identity(law) == before
     law.k = 4.0
     assert function_identity(law) != before
+
+
+def test_an_identity_says_what_arrays_of_jax_hold():
+    """A log density of JAX closes over its data; ``__slots__`` of compiled classes name what cannot be asked for."""
+    import jax.numpy as jnp
+
+    from structid.journal import function_identity
+
+    def density_of(data):
+        return lambda theta: -((theta - data) ** 2).sum()
+
+    one, same, other = (function_identity(density_of(jnp.asarray(d))) for d in ([1, 2], [1, 2], [1, 3]))
+    assert one == same != other
