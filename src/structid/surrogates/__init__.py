@@ -1,0 +1,1 @@
+"""Surrogates: cheap models fitted to runs of an expensive one."""

@@ -1,0 +1,247 @@
+"""Sparse regression: an order of the terms, least squares on nested sets of them, and leave-one-out to choose how many."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+OPTIMISM = 0.25
+"""Forward selection has seen the errors it is judged by, least angle regression less so; it must be better by this factor.
+Measured: on smooth functions it is better by 10 to 10⁵, on kinked ones its leave-one-out error is a third too small."""
+
+FIRST_PATH = 120
+"""Terms of the first path that is followed; it is doubled while the best model lies near its end."""
+
+
+@dataclass(frozen=True, eq=False)
+class NestedFits:
+    """Least squares on the first 1, 2, … columns of a matrix.
+
+    Parameters
+    ----------
+    residual_variance : ndarray, shape (size,)
+        Mean squared residual.
+    leave_one_out : ndarray, shape (size,)
+        Mean squared leave-one-out residual.
+    correction : ndarray, shape (size,)
+        Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from where the columns depend on one another.
+    """
+
+    residual_variance: np.ndarray
+    leave_one_out: np.ndarray
+    correction: np.ndarray
+
+    @property
+    def corrected(self) -> np.ndarray:
+        """Corrected mean squared leave-one-out residual, shape (size,)."""
+        return self.leave_one_out * self.correction
+
+
+def nested_least_squares(columns: np.ndarray, response: np.ndarray) -> NestedFits:
+    """Residuals and leave-one-out residuals of every nested model, from one QR factorisation.
+
+    With Ψ = QR the hat matrix of the first P columns is Q_P Q_Pᵀ, so that both the residual y − Q_P Q_Pᵀ y and the leverages
+    h = Σ qᵢ² are running sums, and the leave-one-out residual is (y − ŷ)/(1 − h) (thesis eq. 2.41). R_P⁻¹ is the leading
+    block of R⁻¹, so tr (ΨᵀΨ)⁻¹ = ‖R_P⁻¹‖² is a running sum too. Correction: Chapelle, Vapnik & Bengio 2002.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (run, term)
+        The terms, in the order they enter.
+    response : ndarray, shape (run,)
+        What is fitted.
+
+    Returns
+    -------
+    NestedFits
+        One entry for each size.
+    """
+    runs, terms = columns.shape
+    q, r = np.linalg.qr(columns)
+    residual = response[:, None] - np.cumsum(q * (response @ q), axis=1)
+    leverage = np.cumsum(q**2, axis=1)
+    size = np.arange(1, terms + 1)
+    dependent = np.maximum.accumulate(np.abs(np.diag(r)) < 1e-10 * np.abs(r[0, 0])) | (size >= runs)
+    inverse = scipy.linalg.solve_triangular(np.where(np.diag(dependent), np.eye(terms), r), np.eye(terms))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_out = residual / np.maximum(1.0 - leverage, 1e-12)
+        correction = runs / (runs - size) * (1.0 + np.cumsum(np.sum(inverse**2, axis=0)))
+    correction[dependent] = np.inf
+    return NestedFits(np.mean(residual**2, axis=0), np.mean(left_out**2, axis=0), correction)
+
+
+def least_angle_order(gram: np.ndarray, covariance: np.ndarray, runs: int, most: int) -> np.ndarray:
+    """Order in which least angle regression takes up the terms (Efron et al. 2004, doi 10.1214/009053604000000067).
+
+    Parameters
+    ----------
+    gram : ndarray, shape (term, term)
+        Inner products of the standardised terms.
+    covariance : ndarray, shape (term,)
+        Their inner products with the response.
+    runs : int
+        Number of runs.
+    most : int
+        How many steps at most.
+
+    Returns
+    -------
+    ndarray of int
+        Places of the terms.
+    """
+    from sklearn.linear_model import lars_path_gram
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it says when a term depends on others, and leaves it out
+        _, active, _ = lars_path_gram(
+            covariance, gram, n_samples=runs, method="lar", max_iter=most, return_path=False, copy_X=True, copy_Gram=True
+        )
+    return np.asarray(active, dtype=int)
+
+
+@dataclass(frozen=True, eq=False)
+class SparseFit:
+    """A sparse least-squares model.
+
+    Parameters
+    ----------
+    active : ndarray of int, shape (active,)
+        Columns it uses.
+    coefficients : ndarray, shape (active,)
+        Their coefficients.
+    leave_one_out_error : float
+        Corrected leave-one-out error, relative to the response's variance.
+    """
+
+    active: np.ndarray
+    coefficients: np.ndarray
+    leave_one_out_error: float
+
+
+def orthogonal_order(gram: np.ndarray, covariance: np.ndarray, most: int) -> np.ndarray:
+    """Order in which orthogonal least squares takes up the terms: each time the one that lowers the residual most.
+
+    Works on inner products alone, as a Cholesky factorisation whose pivot is the largest error reduction c²/d, with c the
+    inner product of a term's part orthogonal to those chosen with the residual and d that part's squared norm (Chen, Billings
+    & Luo 1989, doi 10.1080/00207178908953472).
+
+    Parameters
+    ----------
+    gram : ndarray, shape (term, term)
+        Inner products of the terms.
+    covariance : ndarray, shape (term,)
+        Their inner products with the response.
+    most : int
+        How many steps at most.
+
+    Returns
+    -------
+    ndarray of int
+        Places of the terms; terms that depend on those before them are left out.
+    """
+    factor = np.zeros((most, len(gram)))
+    norm, inner = np.diag(gram).copy(), covariance.astype(np.float64).copy()
+    smallest = 1e-12 * norm
+    order: list[int] = []
+    for step in range(most):
+        gain = np.where(norm > smallest, inner**2 / np.maximum(norm, 1e-300), -1.0)
+        gain[order] = -1.0
+        pivot = int(np.argmax(gain))
+        if gain[pivot] <= 0.0:
+            break
+        root = np.sqrt(norm[pivot])
+        row = (gram[pivot] - factor[:step, pivot] @ factor[:step]) / root
+        factor[step] = row
+        inner -= row * (inner[pivot] / root)
+        norm -= row**2
+        order.append(pivot)
+    return np.array(order, dtype=int)
+
+
+class SparseRegression:
+    """Sparse least squares of many responses on one design matrix.
+
+    The terms are ordered, by least angle regression or by orthogonal least squares; ordinary least squares is fitted on the
+    first 1, 2, … of them, and the model with the smallest corrected leave-one-out error is kept (Blatman & Sudret 2011,
+    doi 10.1016/j.jcp.2010.12.021).
+
+    Parameters
+    ----------
+    columns : ndarray, shape (run, term)
+        The design matrix; its first column is the constant.
+    method : {"lars", "forward", "sparse"}
+        Least angle regression, orthogonal least squares, or whichever does better.
+    """
+
+    def __init__(self, columns: np.ndarray, method: str = "sparse") -> None:
+        self.columns, self.method = columns, method
+        centred = columns[:, 1:] - columns[:, 1:].mean(axis=0)
+        norm = np.sqrt(np.sum(centred**2, axis=0))
+        self._varying = np.flatnonzero(norm > 1e-12 * norm.max(initial=1.0))
+        self._standard = centred[:, self._varying] / norm[self._varying]
+        self._gram = self._standard.T @ self._standard
+
+    def fit(self, response: np.ndarray) -> SparseFit:
+        """Fit one response.
+
+        Parameters
+        ----------
+        response : ndarray, shape (run,)
+            What is fitted; not constant.
+
+        Returns
+        -------
+        SparseFit
+            The model.
+        """
+        if self.method != "sparse":
+            return self._along(response, self.method)
+        lars, forward = self._along(response, "lars"), self._along(response, "forward")
+        clear = forward.leave_one_out_error < OPTIMISM * lars.leave_one_out_error
+        return forward if clear else lars
+
+    def _along(self, response: np.ndarray, method: str) -> SparseFit:
+        """Best of the nested models along one order of the terms."""
+        covariance = self._standard.T @ (response - response.mean())
+        limit = min(len(response) - 2, len(self._varying))
+        most = min(FIRST_PATH, limit)
+        while True:
+            order = self._order(covariance, len(response), most, method)
+            columns = np.concatenate([[0], 1 + self._varying[order]])
+            fits = nested_least_squares(self.columns[:, columns], response)
+            best = int(np.argmin(fits.corrected))
+            if most >= limit or best < 0.7 * most:
+                break
+            most = min(2 * most, limit)
+        active = columns[: best + 1]
+        coefficients = least_squares(self.columns[:, active], response)
+        return SparseFit(active, coefficients, float(fits.corrected[best] / response.var()))
+
+    def _order(self, covariance: np.ndarray, runs: int, most: int, method: str) -> np.ndarray:
+        if most <= 0:
+            return np.empty(0, dtype=int)
+        if method == "forward":
+            return orthogonal_order(self._gram, covariance, most)
+        return least_angle_order(self._gram, covariance, runs, most)
+
+
+def least_squares(columns: np.ndarray, response: np.ndarray) -> np.ndarray:
+    """Ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (run, term)
+        Ψ, of full column rank.
+    response : ndarray, shape (run,) or (run, output)
+        y.
+
+    Returns
+    -------
+    ndarray, shape (term,) or (term, output)
+        The coefficients.
+    """
+    q, r = np.linalg.qr(columns)
+    return scipy.linalg.solve_triangular(r, q.T @ response)
