@@ -50,6 +50,10 @@ class ConvergenceError(StructidError):
     """A numerical procedure could not deliver what was asked, and the cause is not the caller's input."""
 
 
+class StructidWarning(UserWarning):
+    """Something goes on that the caller should know of; it can be silenced or made an error like any warning."""
+
+
 class Status(IntEnum):
     """What became of one run of a model."""
 

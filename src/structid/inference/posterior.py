@@ -255,6 +255,7 @@ class Posterior(Target):
         if not self.observations:
             raise InputError("Posterior.observations", "none", "one Observation or more")
         model.check_names(space.names, space.all_names)
+        model.check_fitness()
         for observation in self.observations:
             check_channels("observation.channels", observation.channels, model.channels)
         extra = {}

@@ -64,6 +64,7 @@ class Model(ABC):
         if len(theta) == 0:
             raise InputError("simulate", "no runs", "one row of parameters or more")
         if isinstance(excitation, Excitation):
+            self.before_run(theta, excitation)
             return self.run(theta, excitation, progress, map)
         return self._run_on_several(theta, _one_for_each_run(excitation, len(theta)), progress, map)
 
@@ -92,6 +93,20 @@ class Model(ABC):
             One row a run.
         """
 
+    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
+        """Check parameters and excitation before a run; a model that knows its own range says here what lies outside it.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        """
+
+    def check_fitness(self) -> None:  # noqa: B027
+        """Refuse to stand in a posterior; a surrogate that is known to be poor does."""
+
     def _run_on_several(
         self, theta: np.ndarray, excitations: list[Excitation], progress: Progress | None, map: Map | None
     ) -> Histories:
@@ -99,6 +114,7 @@ class Model(ABC):
         rows_of = [np.flatnonzero(hashes == h) for h in dict.fromkeys(hashes)]
         done, parts = 0, []
         for rows in rows_of:
+            self.before_run(theta[rows], excitations[rows[0]])
             parts.append(self.run(theta[rows], excitations[rows[0]], None, map))
             done += len(rows)
             if progress is not None:
@@ -247,11 +263,26 @@ class JaxModel(Model):
         finite = _joined([p[1] for p in parts])
         return _with_status(values, finite, excitation, self.channels)
 
+    def compiled_for(self, excitation: Excitation) -> tuple[Any, ...]:
+        """Return what a compiled response depends on.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            The excitation.
+
+        Returns
+        -------
+        tuple
+            A dictionary key; of the excitation itself only kind, step, length and lead-in, unless a model says otherwise.
+        """
+        return response_key(excitation)
+
     def _compiled(self, excitation: Excitation) -> Callable[..., Any]:
         from structid.device import over_runs
 
         cache: dict[Any, Any] = self.__dict__.setdefault("_compiled_responses", {})
-        key = response_key(excitation)
+        key = self.compiled_for(excitation)
         if key not in cache:
 
             def responses(theta: Any, stages: Any) -> tuple[Any, Any]:

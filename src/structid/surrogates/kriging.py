@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -18,6 +20,7 @@ from structid.probability.space import Design, ParameterSpace
 from structid.surrogates.correlations import FAMILIES
 from structid.surrogates.pce import PCE, check_training
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices, namespace
+from structid.surrogates.search import quasi_newton
 
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""
@@ -27,12 +30,6 @@ LOG_NUGGETS = (-25.0, 0.0)
 
 SMALLEST_NUGGET = 1e-13
 """Added to the diagonal where no nugget is asked for, so that rounding does not make the matrix indefinite."""
-
-MOST_STEPS, MOST_HALVINGS = 40, 4
-LONGEST_STEP = 1.5
-"""Of a logarithm, in one step of the search."""
-SMALLEST_GAIN = 0.02
-"""Of the log likelihood; a step that promises less ends the search."""
 
 SCREENING_POINTS = 250
 """Points of the design that the global search looks at."""
@@ -374,7 +371,7 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
         runs = len(screening.data.points)
         for stage in stages:
             covariance = covariance * (runs / len(stage.data.points))
-            place, covariance, value = _quasi_newton(stage, place, covariance)
+            place, covariance, value = quasi_newton(stage, stage.bounds, place, covariance)
             runs = len(stage.data.points)
         if value < lowest:
             best, lowest = place, value
@@ -387,37 +384,6 @@ def _inverse_curvature(objective: _Objective, place: np.ndarray) -> np.ndarray:
     slopes = [(objective(place + step * e)[1] - objective(place - step * e)[1]) / (2 * step) for e in np.eye(len(place))]
     values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.array(slopes).T))
     return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
-
-
-def _quasi_newton(
-    objective: _Objective, start: np.ndarray, covariance: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """BFGS within the bounds (Nocedal & Wright 2006, eq. 6.17) that ends when a step would gain next to nothing.
-
-    Near-singular correlation matrices make the objective noisy: a line search that looks for an exact decrease would not end.
-    """
-    low, high = np.array(objective.bounds).T
-    place, (value, slope) = start, objective(start)
-    for _ in range(MOST_STEPS):
-        free = ((place > low) | (slope < 0)) & ((place < high) | (slope > 0))
-        direction = -np.where(free, covariance @ np.where(free, slope, 0.0), 0.0)
-        if -0.5 * direction @ slope < SMALLEST_GAIN:
-            break
-        direction *= min(1.0, LONGEST_STEP / np.abs(direction).max())
-        for _ in range(MOST_HALVINGS):
-            trial = np.clip(place + direction, low, high)
-            trial_value, trial_slope = objective(trial)
-            if trial_value < value + 1e-4 * slope @ (trial - place) + 1e-9 * abs(value):
-                break
-            direction *= 0.3
-        else:
-            break
-        step, bend = trial - place, trial_slope - slope
-        if step @ bend > 1e-8 * np.linalg.norm(step) * np.linalg.norm(bend):
-            left = np.eye(len(step)) - np.outer(step, bend) / (step @ bend)
-            covariance = left @ covariance @ left.T + np.outer(step, step) / (step @ bend)
-        place, value, slope = trial, trial_value, trial_slope
-    return place, covariance, value
 
 
 def _spread(bounds: list[tuple[float, float]], count: int, rng: np.random.Generator) -> np.ndarray:
@@ -591,6 +557,58 @@ class KrigingPredictor:
     def _with_std(self) -> Any:
         return _in_batches(lambda theta: self.predict(theta, return_std=True))
 
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the predictor consists of beside its space, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        plain: dict[str, Any] = {}
+        arrays: dict[str, np.ndarray] = {}
+        for number, group in enumerate(self.groups):
+            plain[str(number)] = {"family": group.family, "separable": group.separable, "nugget": group.factors.nugget}
+            own = {name: getattr(group, name) for name in _GROUP_ARRAYS}
+            own |= {name: getattr(group.factors, name) for name in _FACTOR_ARRAYS}
+            arrays |= {f"{number}/{k}": v for k, v in {**own, "trend": group.trend.indices}.items()}
+        return plain, arrays
+
+    @classmethod
+    def from_plain(
+        cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> KrigingPredictor:
+        """Make a predictor again from what `to_plain` said.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        KrigingPredictor
+            The same predictor.
+        """
+        groups = []
+        for number, said in plain.items():
+            own = {k.removeprefix(f"{number}/"): v for k, v in arrays.items() if k.startswith(f"{number}/")}
+            factors = _Factors(nugget=said["nugget"], **{name: own[name] for name in _FACTOR_ARRAYS})
+            groups.append(
+                KrigingGroup(
+                    said["family"],
+                    said["separable"],
+                    trend=PolynomialBasis(space, own["trend"]),
+                    factors=factors,
+                    **{name: own[name] for name in _GROUP_ARRAYS},
+                )
+            )
+        return cls(space, tuple(groups))
+
     def __str__(self) -> str:
         group = self.groups[0]
         form = "separable" if group.separable else "ellipsoidal"
@@ -601,6 +619,9 @@ class KrigingPredictor:
             f"lengths in standard deviations of the design: {lengths}"
         )
 
+
+_GROUP_ARRAYS = ("outputs", "centre", "scale", "points", "log_lengths")
+_FACTOR_ARRAYS = tuple(f.name for f in dataclasses.fields(_Factors) if f.name != "nugget")
 
 PREDICTION_BATCH = 4096
 """Points predicted at once: correlations with every run are kept for each."""

@@ -206,7 +206,7 @@ class SparseRegression:
     def _along(self, response: np.ndarray, method: str) -> SparseFit:
         """Best of the nested models along one order of the terms."""
         covariance = self._standard.T @ (response - response.mean())
-        limit = min(len(response) - 2, len(self._varying))
+        limit = min(len(response) // 2, len(self._varying))
         most = min(FIRST_PATH, limit)
         while True:
             order = self._order(covariance, len(response), most, method)

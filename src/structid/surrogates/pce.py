@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -13,9 +14,14 @@ from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.surrogates.lars import SparseFit, SparseRegression, least_squares, nested_least_squares
 from structid.surrogates.polynomials import PolynomialBasis, check_points, multi_indices
+from structid.surrogates.shrinkage import fit_shrunk
 
 PATIENCE = 2
 """Degrees without a better leave-one-out error after which a degree-adaptive fit stops."""
+
+
+METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
+"""Ways to find the coefficients."""
 
 
 @dataclass(frozen=True)
@@ -31,18 +37,20 @@ class PCE:
         q of the hyperbolic truncation, in (0, 1]; likewise.
     interaction : int, optional
         Most parameters in one term.
-    method : {"sparse", "lars", "forward", "ols"}
+    method : {"sparse", "lars", "forward", "ols", "shrinkage"}
         How terms are chosen: by least angle regression, by forward orthogonal least squares, by whichever of the two has clearly
-        the smaller leave-one-out error, or not at all: ordinary least squares on the whole basis.
+        the smaller leave-one-out error, or not at all: ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more
+        terms than there are runs and lets their coefficients fall with the degree, at rates all outputs share and that are
+        learnt; degree, norm and interaction are not used then.
     """
 
     degree: int | Sequence[int] = tuple(range(1, 16))
     hyperbolic_norm: float | Sequence[float] = (0.5, 0.75, 1.0)
     interaction: int | None = None
-    method: Literal["sparse", "lars", "forward", "ols"] = "sparse"
+    method: Literal["sparse", "lars", "forward", "ols", "shrinkage"] = "sparse"
 
     def __post_init__(self) -> None:
-        check_choice("PCE.method", self.method, ("sparse", "lars", "forward", "ols"))
+        check_choice("PCE.method", self.method, METHODS)
         for degree in np.atleast_1d(self.degree):
             for norm in np.atleast_1d(self.hyperbolic_norm):
                 multi_indices(1, degree, float(norm), self.interaction)
@@ -70,6 +78,8 @@ class PCE:
             If a value is not finite, an output constant, or the runs are too few for the basis.
         """
         theta, outputs = check_training("PCE.fit", design, values)
+        if self.method == "shrinkage":
+            return _shrunk_expansion(design.space, theta, outputs)
         best: list[_Candidate | None] = [None] * outputs.shape[1]
         for norm in np.atleast_1d(self.hyperbolic_norm):
             self._search_degree(design.space, theta, outputs, float(norm), best, progress)
@@ -210,6 +220,12 @@ def _expansion(
     )
 
 
+def _shrunk_expansion(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ChaosExpansion:
+    fit = fit_shrunk(space, theta, outputs)
+    truncation = ((int(fit.basis.indices.sum(axis=1).max()), 1.0),) * outputs.shape[1]
+    return ChaosExpansion(fit.basis, fit.coefficients, fit.leave_one_out_error, truncation, theta, outputs)
+
+
 @dataclass(frozen=True, eq=False)
 class ChaosExpansion:
     """A fitted polynomial chaos expansion of one output or many.
@@ -245,12 +261,17 @@ class ChaosExpansion:
     @property
     def mean(self) -> np.ndarray:
         """Mean of each output under the prior: the coefficient of the constant, shape (output,)."""
-        return self.coefficients[self._constant].sum(axis=0)
+        return self.prior_coefficients[self._constant].sum(axis=0)
+
+    @cached_property
+    def prior_coefficients(self) -> np.ndarray:
+        """Coefficients of the polynomials orthonormal under the prior, which moments and indices are made of, (term, output)."""
+        return self.basis.to_prior(self.coefficients)
 
     @property
     def variance(self) -> np.ndarray:
         """Variance of each output under the prior, Σ_{α≠0} c_α², shape (output,)."""
-        return np.sum(self.coefficients[~self._constant] ** 2, axis=0)
+        return np.sum(self.prior_coefficients[~self._constant] ** 2, axis=0)
 
     @property
     def _constant(self) -> np.ndarray:
@@ -294,7 +315,7 @@ class ChaosExpansion:
         if self.basis.space.correlation is not None:
             raise InputError("sobol_indices", "correlated parameters", "independent ones", "Sobol' indices need that.")
         used = self.basis.indices > 0
-        share = self.coefficients**2 / self.variance
+        share = self.prior_coefficients**2 / self.variance
         count = used.sum(axis=1)
         if order == 2:
             pairs = used[count == 2].astype(float)
@@ -328,6 +349,52 @@ class ChaosExpansion:
                 active = np.flatnonzero(self.coefficients[:, k])
                 found[r, active, k] = np.linalg.lstsq(columns[np.ix_(rows, active)], self.outputs[rows, k], rcond=None)[0]
         return found
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the expansion consists of beside its space, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        arrays = {
+            "indices": self.basis.indices,
+            **({} if self.basis.box is None else {"box": self.basis.box}),
+            "coefficients": self.coefficients,
+            "leave_one_out_error": self.leave_one_out_error,
+            "truncation": np.array(self.truncation, dtype=np.float64),
+            "theta": self.theta,
+            "outputs": self.outputs,
+        }
+        return {}, arrays
+
+    @classmethod
+    def from_plain(cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ChaosExpansion:
+        """Make an expansion again from what `to_plain` said.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        ChaosExpansion
+            The same expansion.
+        """
+        return cls(
+            PolynomialBasis(space, arrays["indices"], arrays.get("box")),
+            arrays["coefficients"],
+            arrays["leave_one_out_error"],
+            tuple((int(d), float(q)) for d, q in arrays["truncation"]),
+            arrays["theta"],
+            arrays["outputs"],
+        )
 
     def __str__(self) -> str:
         degrees = sorted({d for d, _ in self.truncation})

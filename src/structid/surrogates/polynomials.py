@@ -73,9 +73,7 @@ class OrthonormalFamily:
         n = np.arange(degree + 1, dtype=np.float64)
         unit = factor(marginal.unit)
         if marginal.family == "Uniform":
-            low, high = marginal.support
-            # Legendre: a = 0, bₙ = n/√(4n² − 1)
-            return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
+            return cls.legendre(*marginal.support, degree)
         if marginal.family == "Normal" and not truncated:
             mean, sd = marginal.moments
             return cls("Hermite", 0 * n, np.sqrt(n[1:]), mean, sd)
@@ -91,6 +89,49 @@ class OrthonormalFamily:
             a, b = _jacobi_recurrence(native["concentration0"] - 1, native["concentration1"] - 1, degree)
             return cls("Jacobi", a, b, 0.5 * unit, 0.5 * unit)
         return cls._numerical(marginal, degree, logarithmic=marginal.family == "LogNormal")
+
+    @classmethod
+    def legendre(cls, low: float, high: float, degree: int) -> OrthonormalFamily:
+        """Legendre polynomials, orthonormal under the uniform distribution of a range.
+
+        Parameters
+        ----------
+        low, high : float
+            The range.
+        degree : int
+            Largest degree.
+
+        Returns
+        -------
+        OrthonormalFamily
+            The polynomials.
+        """
+        n = np.arange(degree + 1, dtype=np.float64)
+        # a = 0, bₙ = n/√(4n² − 1)
+        return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
+
+    def expansion_of(self, other: OrthonormalFamily, degree: int) -> np.ndarray:
+        """Coefficients of another family's polynomials in these, by Gauss quadrature, which is exact for them.
+
+        Parameters
+        ----------
+        other : OrthonormalFamily
+            Polynomials of the same variable.
+        degree : int
+            Largest degree.
+
+        Returns
+        -------
+        ndarray, shape (degree + 1, degree + 1)
+            Column n holds the coefficients of the other's polynomial of degree n.
+        """
+        # Golub & Welsch 1969: the nodes are eigenvalues of the Jacobi matrix, the weights squares of first components.
+        jacobi = np.diag(self.a[: degree + 1]) + np.diag(self.b[:degree], 1) + np.diag(self.b[:degree], -1)
+        nodes, vectors = np.linalg.eigh(jacobi)
+        x = nodes * self.scale + self.shift
+        x = np.exp(x) if self.logarithmic else x
+        mine, theirs = np.array(self.evaluate(x, degree)), np.array(other.evaluate(x, degree))
+        return (mine * vectors[0] ** 2) @ theirs.T
 
     @classmethod
     def standard_normal(cls, degree: int) -> OrthonormalFamily:
@@ -295,15 +336,36 @@ class PolynomialBasis:
         The parameters.
     indices : ndarray of int, shape (term, parameter)
         Degree of every parameter in every term.
+    box : ndarray, shape (parameter, 2), optional
+        Use Legendre polynomials on this range of each variable instead, which stay small all over it; of independent parameters
+        the range is in SI, of dependent ones in standard normal variables.
     """
 
     space: ParameterSpace
     indices: np.ndarray
+    box: np.ndarray | None = None
 
     @cached_property
     def families(self) -> tuple[OrthonormalFamily, ...]:
         """The family of each parameter."""
         degrees = self.indices.max(axis=0, initial=0)
+        if self.box is not None:
+            return tuple(OrthonormalFamily.legendre(a, b, int(d)) for (a, b), d in zip(self.box, degrees, strict=True))
+        return self.prior_families(degrees)
+
+    def prior_families(self, degrees: np.ndarray) -> tuple[OrthonormalFamily, ...]:
+        """Families orthonormal under the prior.
+
+        Parameters
+        ----------
+        degrees : ndarray of int, shape (parameter,)
+            Largest degree of each.
+
+        Returns
+        -------
+        tuple of OrthonormalFamily
+            One for each parameter.
+        """
         if self.space.correlation is not None:
             return tuple(OrthonormalFamily.standard_normal(int(d)) for d in degrees)
         return tuple(
@@ -315,7 +377,7 @@ class PolynomialBasis:
 
     def __getitem__(self, terms: Any) -> PolynomialBasis:
         """Some of the terms."""
-        return PolynomialBasis(self.space, self.indices[terms])
+        return PolynomialBasis(self.space, self.indices[terms], self.box)
 
     def evaluate(self, theta: Any) -> Any:
         """Values of every term.
@@ -331,7 +393,7 @@ class PolynomialBasis:
             Of the kind `theta` is.
         """
         numpy = namespace(theta)
-        germ = self._germ(theta)
+        germ = self.variables(theta)
         degrees = self.indices.max(axis=0, initial=0)
         product = numpy.ones((theta.shape[0], len(self.indices)))
         for i, (family, degree) in enumerate(zip(self.families, degrees, strict=True)):
@@ -340,12 +402,48 @@ class PolynomialBasis:
                 product = product * values[:, self.indices[:, i]]
         return product
 
-    def _germ(self, theta: Any) -> Any:
-        """The variables of the polynomials: the parameters, or independent standard normal ones made of them."""
-        correlation = self.space.correlation
-        if correlation is None:
-            return theta
-        return standard_normal(self.space, theta)
+    def variables(self, theta: Any) -> Any:
+        """Variables of the polynomials: the parameters, or independent standard normal ones made of them.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, parameter)
+            Of the kind `theta` is.
+        """
+        return theta if self.space.correlation is None else standard_normal(self.space, theta)
+
+    def to_prior(self, coefficients: np.ndarray) -> np.ndarray:
+        """Coefficients of the same polynomials in the basis that is orthonormal under the prior.
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (term, output)
+            In this basis, whose indices hold every lower one of each.
+
+        Returns
+        -------
+        ndarray, shape (term, output)
+            Of the same indices.
+        """
+        if self.box is None:
+            return coefficients
+        degrees = self.indices.max(axis=0, initial=0)
+        place = {tuple(index): row for row, index in enumerate(self.indices)}
+        found = coefficients
+        for i, (mine, prior) in enumerate(zip(self.families, self.prior_families(degrees), strict=True)):
+            change = prior.expansion_of(mine, int(degrees[i]))  # change[m, n] = E[p_m q_n], m ≤ n
+            moved = np.zeros_like(found)
+            for row, index in enumerate(self.indices):
+                for lower in range(index[i] + 1):
+                    target = place[(*index[:i], lower, *index[i + 1 :])]
+                    moved[target] += change[lower, index[i]] * found[row]
+            found = moved
+        return found
 
 
 def standard_normal(space: ParameterSpace, theta: Any) -> Any:

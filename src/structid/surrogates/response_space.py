@@ -1,0 +1,374 @@
+"""Response-space surrogates for given records: principal components of the history, and a chaos expansion or Kriging of each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.models.base import Progress, response_key
+from structid.runs import Runs
+from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitting_runs
+from structid.surrogates.kriging import Kriging, KrigingPredictor
+from structid.surrogates.pce import PCE, ChaosExpansion
+
+Predictor = ChaosExpansion | KrigingPredictor
+
+
+@dataclass(frozen=True)
+class PODKriging:
+    """Settings: principal components of the histories, y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), each score a Kriging.
+
+    Parameters
+    ----------
+    kriging : Kriging
+        How the scores are interpolated. By default they share one correlation, weighted by their energy.
+    left_out_energy : float
+        Components are kept until they leave out this share of the variance.
+    limit : float
+        Largest mean relative error with which it may stand in a posterior.
+    outside : {"warn", "refuse", "allow"}
+        What to do with parameters beyond the range of the design.
+    """
+
+    kriging: Kriging = Kriging()
+    left_out_energy: float = 1e-9
+    limit: float = 1e-2
+    outside: Literal["warn", "refuse", "allow"] = "warn"
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
+        """Fit to runs on one record or several.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how many records are done.
+
+        Returns
+        -------
+        ResponseSpaceSurrogate
+            A model for those records.
+        """
+        return _fit(self, self.kriging, runs, progress)
+
+
+@dataclass(frozen=True)
+class PODPCE:
+    """Settings: principal components of the histories, each score a polynomial chaos expansion.
+
+    Parameters
+    ----------
+    pce : PCE
+        How the scores are expanded. By default with coefficients that shrink with the degree; sparse expansions of a hundred
+        scores take minutes and are a hundred times less accurate.
+    left_out_energy, limit, outside
+        As for `PODKriging`.
+    """
+
+    pce: PCE = PCE(method="shrinkage")
+    left_out_energy: float = 1e-9
+    limit: float = 1e-2
+    outside: Literal["warn", "refuse", "allow"] = "warn"
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
+        """Fit to runs on one record or several; see `PODKriging.fit`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how many records are done.
+
+        Returns
+        -------
+        ResponseSpaceSurrogate
+            A model for those records.
+        """
+        return _fit(self, self.pce, runs, progress)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordFit:
+    """The surrogate on one record.
+
+    Parameters
+    ----------
+    name : str
+        Of the record.
+    samples : int
+        Its length.
+    mean : ndarray, shape (time · channel,)
+        Mean history, scaled.
+    modes : ndarray, shape (component, time · channel)
+        Orthonormal φ_k, scaled.
+    truncation : ndarray, shape (time · channel,)
+        Standard deviation over the design of what the components leave out, scaled.
+    scale : ndarray, shape (channel,)
+        SI value of one scaled unit.
+    scores : ChaosExpansion or KrigingPredictor
+        c_k(θ).
+    score_deviation : ndarray, shape (component,)
+        Root mean square of the leave-one-out residuals of each score.
+    """
+
+    name: str
+    samples: int
+    mean: np.ndarray
+    modes: np.ndarray
+    truncation: np.ndarray
+    scale: np.ndarray
+    scores: Predictor
+    score_deviation: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Mean leave-one-out error relative to the histories' own spread."""
+        left_out = np.sum(self.score_deviation**2) + np.sum(self.truncation**2)
+        return float(left_out / self._mean_spread)
+
+    @property
+    def _mean_spread(self) -> float:
+        # Σ (y − ȳ)² over time, in the mean over the design: of the mean history, and of what varies about it.
+        shape = (self.samples, -1)
+        centred = self.mean.reshape(shape) - self.mean.reshape(shape).mean(axis=0)
+        modes = self.modes.reshape(len(self.modes), *centred.shape)
+        modes = modes - modes.mean(axis=1, keepdims=True)
+        variance = np.asarray(self._score_variance)
+        return float(np.sum(centred**2) + variance @ np.sum(modes**2, axis=(1, 2)))
+
+    @property
+    def _score_variance(self) -> np.ndarray:
+        return self.score_deviation**2 / np.maximum(self.scores.leave_one_out_error, 1e-300)
+
+
+def _fit(
+    settings: PODKriging | PODPCE, regression: Kriging | PCE, runs: Runs, progress: Progress | None
+) -> ResponseSpaceSurrogate:
+    watch = Stopwatch()
+    kind = type(settings).__name__
+    done, left_out = fitting_runs(f"{kind}.fit", runs)
+    used = [int(i) for i in np.unique(done.record_of_run)]
+    excitation, dt = common_step(f"{kind}.fit", [done.records[i] for i in used])
+    fits: dict[str, RecordFit] = {}
+    for number, index in enumerate(used):
+        some = done.on(index)
+        if len(some) < 3:
+            raise InputError(f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", "enough runs on each record")
+        tell = None if progress is None or len(used) > 1 else progress
+        fits[some.records[0].content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
+        if progress is not None and len(used) > 1:
+            progress(number + 1, len(used))
+    values = done.design.values
+    fit = Fit(
+        kind, asdict(settings), done.design.space, done.channels, excitation, dt,
+        values.min(axis=0), values.max(axis=0), len(done), left_out,
+        float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds,
+    )  # fmt: skip
+    return ResponseSpaceSurrogate(fit, fits)
+
+
+def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, progress: Progress | None) -> RecordFit:
+    record = runs.records[0]
+    values = runs.values[:, : len(record)]
+    scale = values.std(axis=(0, 1))
+    table = (values / scale).reshape(len(values), -1)
+    mean, modes, scores, truncation = principal_components(table, left_out_energy)
+    predictor = regression.fit(runs.design, scores, progress)
+    deviation = np.sqrt(predictor.leave_one_out_error * scores.var(axis=0))
+    return RecordFit(record.name, len(record), mean, modes, truncation, scale, predictor, deviation)
+
+
+def principal_components(
+    table: np.ndarray, left_out_energy: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Proper orthogonal decomposition by the singular value decomposition of the centred table.
+
+    Parameters
+    ----------
+    table : ndarray, shape (run, sample)
+        Histories.
+    left_out_energy : float
+        Share of the variance that may be left out.
+
+    Returns
+    -------
+    tuple of ndarray
+        Mean (sample,), orthonormal modes (component, sample), scores (run, component), and the standard deviation of what is
+        left out (sample,).
+    """
+    if not 0 <= left_out_energy < 1:
+        raise InputError("left_out_energy", f"{left_out_energy}", "a share, 0 or more and below 1")
+    mean = table.mean(axis=0)
+    left, singular, right = np.linalg.svd(table - mean, full_matrices=False)
+    energy = singular**2
+    beyond = energy.sum() - np.cumsum(energy)
+    # Components below rounding say nothing.
+    kept = 1 + int(np.count_nonzero(beyond > max(left_out_energy, 1e-14) * energy.sum()))
+    kept = min(kept, len(table) - 2)
+    rest = (left[:, kept:] * singular[kept:]) @ right[kept:]
+    return mean, right[:kept], left[:, :kept] * singular[:kept], np.sqrt(np.mean(rest**2, axis=0))
+
+
+class ResponseSpaceSurrogate(Surrogate):
+    """A fitted `PODKriging` or `PODPCE`: knows the response to the records it was fitted to, and to no other.
+
+    Parameters
+    ----------
+    fit : Fit
+        How it came about.
+    records : mapping of str to RecordFit
+        By content hash of the record.
+    """
+
+    def __init__(self, fit: Fit, records: Mapping[str, RecordFit]) -> None:
+        super().__init__(fit)
+        self.records = dict(records)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse a record the surrogate was not fitted to.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is another one, by its values.
+        """
+        if excitation.content_hash not in self.records:
+            known = ", ".join(f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values())
+            raise InputError(
+                f"{self.fitted.kind}: record",
+                f"'{excitation.name}' ({len(excitation)} samples at {excitation.dt:g} s), which it was not fitted to",
+                known,
+                "Fit it to runs on that record, or use PCNARX or KrigingNARX, which take any.",
+            )
+
+    def compiled_for(self, excitation: Excitation) -> tuple[Any, ...]:
+        """Return what a compiled response depends on: the record itself.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            The record.
+
+        Returns
+        -------
+        tuple
+            A dictionary key.
+        """
+        return (excitation.content_hash, *response_key(excitation))
+
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX: scores, then their sum with the modes.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            One of the fitted records.
+        stages : jax.Array
+            Not used: the record is known.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), and whether they are finite (run,).
+        """
+        from structid.device import jnp
+
+        self.check_excitation(excitation)
+        fit = self.records[excitation.content_hash]
+        factors = np.tile(fit.scale, fit.samples)
+        scores = fit.scores.predict(theta)
+        values = jnp.asarray((fit.modes * factors).T) @ scores.T + jnp.asarray(fit.mean * factors)[:, None]
+        finite = jnp.isfinite(scores).all(axis=1)
+        return values.reshape(fit.samples, len(fit.scale), -1), finite
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation in time: that of the scores through the modes, and what the components leave out.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            One of the fitted records.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+        self.check_excitation(excitation)
+        fit = self.records[excitation.content_hash]
+        if isinstance(fit.scores, KrigingPredictor):
+            deviation = fit.scores.predict(np.asarray(theta, dtype=np.float64), return_std=True)[1]
+        else:
+            deviation = np.tile(fit.score_deviation, (len(theta), 1))
+        variance = deviation**2 @ fit.modes**2 + fit.truncation**2
+        return np.asarray(np.sqrt(variance).reshape(values.shape) * fit.scale)
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the surrogate consists of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        plain: dict[str, Any] = {}
+        arrays: dict[str, np.ndarray] = {}
+        for number, (content_hash, fit) in enumerate(self.records.items()):
+            scores_plain, scores_arrays = fit.scores.to_plain()
+            plain[str(number)] = {
+                "hash": content_hash, "name": fit.name, "samples": fit.samples, "scores": scores_plain,
+            }  # fmt: skip
+            own = {
+                "mean": fit.mean, "modes": fit.modes, "truncation": fit.truncation, "scale": fit.scale,
+                "score_deviation": fit.score_deviation,
+            }  # fmt: skip
+            arrays |= {f"{number}/{k}": v for k, v in own.items()}
+            arrays |= {f"{number}/scores/{k}": v for k, v in scores_arrays.items()}
+        return plain, arrays
+
+    @classmethod
+    def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ResponseSpaceSurrogate:
+        """Make a surrogate again from what `to_plain` said.
+
+        Parameters
+        ----------
+        fit : Fit
+            How it came about.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        ResponseSpaceSurrogate
+            The same surrogate.
+        """
+        kind = KrigingPredictor if fit.kind == "PODKriging" else ChaosExpansion
+        records = {}
+        for number, said in plain.items():
+            own = {k.removeprefix(f"{number}/"): v for k, v in arrays.items() if k.startswith(f"{number}/")}
+            scores = {k.removeprefix("scores/"): v for k, v in own.items() if k.startswith("scores/")}
+            records[said["hash"]] = RecordFit(
+                said["name"], said["samples"], own["mean"], own["modes"], own["truncation"], own["scale"],
+                kind.from_plain(fit.space, said["scores"], scores), own["score_deviation"],
+            )  # fmt: skip
+        return cls(fit, records)
