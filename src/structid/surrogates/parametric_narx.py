@@ -1,0 +1,605 @@
+"""PC-NARX and Kriging-NARX: recursions whose coefficients are functions of the parameters; they take any record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+import scipy.ndimage
+
+from structid.errors import InputError, check_choice
+from structid.ground_motion.excitation import Excitation
+from structid.models.base import Progress
+from structid.probability.space import Design
+from structid.runs import Runs
+from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitting_runs
+from structid.surrogates.kriging import Kriging, KrigingPredictor
+from structid.surrogates.pce import PCE, ChaosExpansion
+from structid.surrogates.polynomials import PolynomialBasis, multi_indices
+from structid.surrogates.recursion import Recursion
+from structid.surrogates.structure import (
+    Experiments,
+    build_recursion,
+    constant_shapes,
+    first_coefficients,
+    input_signal,
+    per_experiment_solution,
+    select_terms,
+    training_set,
+)
+from structid.surrogates.terms import Memory, Term
+from structid.surrogates.training import FreeRun, TrainingSet, robust_loss, train_free_run
+
+TRAINING_BOUND = 2.0
+"""While training, outputs are kept within so many times the largest one seen."""
+
+PREDICTION_BOUND = 10.0
+"""A prediction beyond so many times the largest output seen has diverged."""
+
+LOSS_SCALE = 1e-3
+"""Errors beyond it count by their logarithm only."""
+
+HORIZONS = (16, 128)
+"""Samples between restarts in the training that goes before, where free runs of the regression diverge."""
+
+WINDOW = 101
+"""Samples of the moving root mean square that the predicted standard deviation is proportional to."""
+
+
+@dataclass(frozen=True)
+class NARXSettings:
+    """What PC-NARX and Kriging-NARX have in common.
+
+    Parameters
+    ----------
+    terms : sequence of Term or str, optional
+        Candidate terms of every output; left out, terms with a hysteretic memory.
+    memories : sequence of Memory or str
+        Memories that `terms` use.
+    training : {"joint", "per-experiment"}
+        All coefficients at once, on the one-step and then on the free-run error; or as in the thesis: coefficients of each
+        experiment by ordinary least squares, which are then interpolated.
+    selection : {"lars", "orthogonal"}, optional
+        Choose among the terms by their free runs; all are kept when left out.
+    most_terms : int, optional
+        Most terms the selection keeps.
+    degree : int
+        Largest degree of the chaos expansions that the coefficients of the joint training are.
+    steps : int
+        Most steps of the training on the free-run error; 0 leaves it at the regression.
+    held_out : float
+        Share of the runs that choose when to stop and what the predicted standard deviation is.
+    limit : float
+        Largest mean relative error with which it may stand in a posterior.
+    outside : {"warn", "refuse", "allow"}
+        What to do with parameters beyond the range of the design.
+    seed : int
+        Seed of the choice of held-out runs.
+    """
+
+    terms: Sequence[Term | str] | None = None
+    memories: Sequence[Memory | str] = ()
+    training: Literal["joint", "per-experiment"] = "joint"
+    selection: Literal["lars", "orthogonal"] | None = None
+    most_terms: int | None = None
+    degree: int = 3
+    steps: int = 12
+    held_out: float = 0.1
+    limit: float = 5e-2
+    outside: Literal["warn", "refuse", "allow"] = "warn"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        check_choice("training", self.training, ("joint", "per-experiment"))
+        if self.selection is not None:
+            check_choice("selection", self.selection, ("lars", "orthogonal"))
+        if not 0.0 <= self.held_out < 0.5:
+            raise InputError("held_out", f"{self.held_out}", "a share, 0 or more and below 0.5")
+
+
+@dataclass(frozen=True)
+class PCNARX(NARXSettings):
+    """Settings of a PC-NARX: a NARX whose coefficients are polynomial chaos expansions (thesis eq. 2.55).
+
+    Parameters
+    ----------
+    pce : PCE
+        For ``training="per-experiment"``: how the coefficients are expanded.
+    terms, memories, training, selection, most_terms, degree, steps, held_out, limit, outside, seed
+        As for `NARXSettings`.
+    """
+
+    pce: PCE = PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0)
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
+        """Fit to runs on one record or several.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how many training steps are done.
+
+        Returns
+        -------
+        ParametricNARX
+            A model for these parameters and any record.
+        """
+        return _Fitting(self, runs, progress).pc_narx(self.pce)
+
+
+@dataclass(frozen=True)
+class KrigingNARX(NARXSettings):
+    """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
+
+    With ``training="joint"`` the coefficients of each run are refined on its own free run, drawn towards those of the joint
+    training as far as the run does not determine them; what they differ by is interpolated. Alone, least squares leaves
+    collinear coefficients to wander, and no interpolation follows.
+
+    Parameters
+    ----------
+    kriging : Kriging
+        How the coefficients are interpolated.
+    refinements : int
+        Steps of the refinement.
+    terms, memories, training, selection, most_terms, degree, steps, held_out, limit, outside, seed
+        As for `NARXSettings`.
+    """
+
+    kriging: Kriging = Kriging(nugget="estimate", separable=False)
+    refinements: int = 2
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
+        """Fit to runs on one record or several; see `PCNARX.fit`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how many training steps are done.
+
+        Returns
+        -------
+        ParametricNARX
+            A model for these parameters and any record.
+        """
+        return _Fitting(self, runs, progress).kriging_narx(self.kriging, self.refinements)
+
+
+class _Fitting:
+    """One fit, step by step: data, structure, coefficients, uncertainty."""
+
+    def __init__(self, settings: NARXSettings, runs: Runs, progress: Progress | None) -> None:
+        self.settings, self.progress, self.watch = settings, progress, Stopwatch()
+        self.kind = type(settings).__name__
+        self.runs, self.left_out = fitting_runs(f"{self.kind}.fit", runs)
+        records = [self.runs.records[i] for i in np.unique(self.runs.record_of_run)]
+        self.excitation, self.dt = common_step(f"{self.kind}.fit", records)
+        self.experiments = Experiments.of(self.runs, self.dt)
+        self.recursion = build_recursion(self.experiments, settings.terms, settings.memories)
+        self.data = training_set(self.experiments, self.recursion)
+        self.largest = float(np.abs(self.data.y).max())
+        if settings.selection is not None:
+            full = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
+            self.recursion = select_terms(full, self.data, settings.selection, settings.most_terms)
+        self.free_run = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
+        self.fitted, self.unseen = self._split()
+
+    @property
+    def design(self) -> Design:
+        return self.runs.design
+
+    def _split(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows to fit to and rows held out."""
+        count = int(round(self.settings.held_out * len(self.runs)))
+        order = np.random.default_rng(self.settings.seed).permutation(len(self.runs))
+        return np.sort(order[count:]), np.sort(order[:count])
+
+    def pc_narx(self, pce: PCE) -> ParametricNARX:
+        if self.settings.training == "per-experiment":
+            return self._surrogate(pce.fit(self.design[self.fitted], self._per_experiment()))
+        return self._surrogate(self._joint())
+
+    def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
+        if self.settings.training == "per-experiment":
+            return self._surrogate(kriging.fit(self.design[self.fitted], self._per_experiment()))
+        trend = self._joint()
+        coefficients = self._refined(np.asarray(trend.predict(self.design.values[self.fitted])), refinements)
+        deviation = coefficients - np.asarray(trend.predict(self.design.values[self.fitted]))
+        varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
+        if len(varying) == 0:
+            return self._surrogate(trend)
+        predictor = kriging.fit(self.design[self.fitted], deviation[:, varying] / deviation[:, varying].std(axis=0))
+        return self._surrogate(trend, predictor, varying, deviation[:, varying].std(axis=0))
+
+    def _per_experiment(self) -> np.ndarray:
+        data = self.data[self.fitted]
+        vector = constant_shapes(self.recursion, 0.25)
+        equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
+        return per_experiment_solution(self.recursion, *equations, vector)
+
+    def _joint(self) -> ChaosExpansion:
+        """Coefficients as chaos expansions trained together."""
+        basis = self._basis()
+        features = basis.evaluate(self.design.values)
+        data, rows = self.data[self.fitted], features[self.fitted]
+        held_out = (features[self.unseen], self.data[self.unseen]) if len(self.unseen) else None
+        start = first_coefficients(self.free_run, rows, data)
+        if self.settings.steps == 0:
+            return self._expansion(basis, start, rows)
+        loss = robust_loss(self.free_run.errors(rows @ start.T, data), LOSS_SCALE)
+        if loss > np.log1p(0.1 / LOSS_SCALE):  # the free runs are lost: begin with short ones
+            for horizon in HORIZONS:
+                short = FreeRun(self.recursion, TRAINING_BOUND * self.largest, horizon)
+                start = train_free_run(short, start, rows, data, None, 4, LOSS_SCALE).coefficients
+        trained = train_free_run(
+            self.free_run, start, rows, data, held_out, self.settings.steps, LOSS_SCALE, self.progress
+        )
+        return self._expansion(basis, trained.coefficients, rows)
+
+    def _basis(self) -> PolynomialBasis:
+        space = self.design.space
+        degree = self.settings.degree if space.dimension else 0
+        basis = PolynomialBasis(space, multi_indices(space.dimension, degree))
+        if len(basis) > max(len(self.fitted) // 2, 1):
+            raise InputError(
+                f"{self.kind}.fit", f"{len(self.fitted)} runs for coefficients of {len(basis)} chaos terms (degree {degree})",
+                f"{2 * len(basis)} runs or more", "Lower the degree.",
+            )  # fmt: skip
+        return basis
+
+    def _expansion(self, basis: PolynomialBasis, coefficients: np.ndarray, features: np.ndarray) -> ChaosExpansion:
+        values = features @ coefficients.T
+        unknown = np.full(len(coefficients), np.nan)
+        degree = int(basis.indices.sum(axis=1).max())
+        truncation = ((degree, 1.0),) * len(coefficients)
+        return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.design.values[self.fitted], values)
+
+    def _refined(self, start: np.ndarray, steps: int) -> np.ndarray:
+        """Coefficients of every run on its own free run, drawn towards the joint ones: maximum a posteriori.
+
+        The prior's spread is a tenth of what the coefficients vary by over the design; the noise is the joint training's error.
+        """
+        data = self.data[self.fitted]
+        spread = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
+        current = start
+        errors = self.free_run.errors(current, data).mean(axis=1)
+        noise = max(float(np.median(errors)), 1e-12) / data.y.shape[1]
+        for _ in range(steps):
+            square, inner = self.free_run.normal_equations(current, data)
+            square, inner = square.mean(axis=1) / noise, inner.mean(axis=1) / noise
+            # In units of the prior's spread the prior is the identity, and nothing is ill-conditioned.
+            matrix = square * spread[:, None] * spread + np.eye(len(spread))
+            right = inner * spread - (current - start) / spread
+            trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * spread
+            found = self.free_run.errors(trial, data).mean(axis=1)
+            better = found < errors
+            current = np.where(better[:, None], trial, current)
+            errors = np.where(better, found, errors)
+        return current
+
+    def _surrogate(
+        self,
+        trend: ChaosExpansion | KrigingPredictor,
+        deviation: KrigingPredictor | None = None,
+        varying: np.ndarray | None = None,
+        scale: np.ndarray | None = None,
+    ) -> ParametricNARX:
+        coefficients = Coefficients(trend, deviation, varying, scale)
+        # Runs held out, or all of them where none are.
+        rows = self.unseen if len(self.unseen) else self.fitted
+        predicted = np.asarray(coefficients.predict(self.design.values[rows]))
+        errors = self.free_run.errors(predicted, self.data[rows])
+        values = self.design.values
+        fit = Fit(
+            self.kind, _settings_in_words(self.settings), self.design.space, self.runs.channels, self.excitation, self.dt,
+            values.min(axis=0), values.max(axis=0), len(self.runs), self.left_out, float(errors.mean()),
+            self.settings.limit, self.settings.outside, self.watch.seconds,
+        )  # fmt: skip
+        surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, np.ones(len(self.runs.channels)))
+        return replace_spread(surrogate, self.runs[rows])
+
+
+def _settings_in_words(settings: NARXSettings) -> dict[str, Any]:
+    said = asdict(replace(settings, terms=None, memories=()))
+    said["terms"] = None if settings.terms is None else [str(t) for t in settings.terms]
+    said["memories"] = [str(m) for m in settings.memories]
+    return said
+
+
+def replace_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
+    """Set the predicted standard deviation so that 95 % of the samples of some runs lie within 1.96 of it.
+
+    Parameters
+    ----------
+    surrogate : ParametricNARX
+        With any spread.
+    runs : Runs
+        Runs it was not fitted to.
+
+    Returns
+    -------
+    ParametricNARX
+        The same, with that spread.
+    """
+    ratios: list[np.ndarray] = []
+    for number in np.unique(runs.record_of_run):
+        some = runs.on(int(number))
+        record = some.records[0]
+        true = some.values[:, : len(record)]
+        predicted = surrogate.run(surrogate.parameters(some.design), record).values
+        local = local_size(predicted)
+        good = np.isfinite(predicted).all(axis=(1, 2))
+        ratios.append((np.abs(true - predicted) / local)[good].reshape(-1, true.shape[2]))
+    every = np.concatenate(ratios)
+    spread = np.quantile(every, 0.95, axis=0) / 1.96 if len(every) else np.full(len(surrogate.channels), np.inf)
+    return ParametricNARX(surrogate.fitted, surrogate.recursion, surrogate.coefficients, surrogate.largest, spread)
+
+
+def local_size(values: np.ndarray) -> np.ndarray:
+    """Moving root mean square of histories, never below a thousandth of the whole one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, time, channel)
+        Histories.
+
+    Returns
+    -------
+    ndarray, shape (run, time, channel)
+        The size.
+    """
+    window = min(WINDOW, values.shape[1])
+    square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
+    whole = np.mean(values**2, axis=1, keepdims=True)
+    return np.sqrt(np.maximum(square, 1e-6 * whole) + 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them.
+
+    Parameters
+    ----------
+    trend : ChaosExpansion or KrigingPredictor
+        All coefficients.
+    deviation : KrigingPredictor, optional
+        Scaled deviations from the trend.
+    varying : ndarray of int, optional
+        Which coefficients deviate.
+    scale : ndarray, optional
+        Scale of their deviations.
+    """
+
+    trend: ChaosExpansion | KrigingPredictor
+    deviation: KrigingPredictor | None = None
+    varying: np.ndarray | None = None
+    scale: np.ndarray | None = None
+
+    def predict(self, theta: Any) -> Any:
+        """Coefficients at points.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, coefficient)
+            Of the kind `theta` is.
+        """
+        from structid.device import jnp
+
+        found = self.trend.predict(theta)
+        if self.deviation is None or self.varying is None:
+            return found
+        added = self.deviation.predict(theta) * self.scale
+        if isinstance(found, np.ndarray):
+            found = found.copy()
+            found[:, self.varying] += added
+            return found
+        return jnp.asarray(found).at[:, self.varying].add(added)
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what they consist of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        plain, arrays = self.trend.to_plain()
+        said: dict[str, Any] = {"trend": [type(self.trend).__name__, plain]}
+        found = {f"trend/{k}": v for k, v in arrays.items()}
+        if self.deviation is not None and self.varying is not None and self.scale is not None:
+            plain, arrays = self.deviation.to_plain()
+            said["deviation"] = plain
+            found |= {f"deviation/{k}": v for k, v in arrays.items()}
+            found |= {"varying": self.varying, "scale": self.scale}
+        return said, found
+
+    @classmethod
+    def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
+        """Make them again from what `to_plain` said.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        Coefficients
+            The same.
+        """
+
+        def part(name: str) -> dict[str, np.ndarray]:
+            return {k.removeprefix(f"{name}/"): v for k, v in arrays.items() if k.startswith(f"{name}/")}
+
+        kind, said = plain["trend"]
+        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
+        trend = maker.from_plain(space, said, part("trend"))
+        if "deviation" not in plain:
+            return cls(trend)
+        deviation = KrigingPredictor.from_plain(space, plain["deviation"], part("deviation"))
+        return cls(trend, deviation, arrays["varying"], arrays["scale"])
+
+
+class ParametricNARX(Surrogate):
+    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record of the step it was trained with.
+
+    Parameters
+    ----------
+    fit : Fit
+        How it came about.
+    recursion : Recursion
+        The structure.
+    coefficients : Coefficients
+        As functions of the parameters.
+    largest : float
+        Largest scaled output seen.
+    spread : ndarray, shape (channel,)
+        Standard deviation of the error relative to the moving root mean square of the prediction.
+    """
+
+    def __init__(
+        self, fit: Fit, recursion: Recursion, coefficients: Coefficients, largest: float, spread: np.ndarray
+    ) -> None:
+        super().__init__(fit)
+        self.recursion, self.coefficients, self.largest, self.spread = recursion, coefficients, largest, spread
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """What each coefficient belongs to."""
+        return self.recursion.names
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse an excitation of another kind or step.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If a recursion in steps of the training's means nothing for it.
+        """
+        if excitation.kind != self.fitted.excitation or abs(excitation.dt / self.fitted.dt - 1.0) > 1e-9:
+            raise InputError(
+                f"{self.fitted.kind}: record",
+                f"'{excitation.name}', a {excitation.kind} in steps of {excitation.dt:g} s",
+                f"a {self.fitted.excitation} in steps of {self.fitted.dt:g} s, as it was trained with",
+                "Resample it.",
+            )
+
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX by the free run of the recursion.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            Its kind, step and lead-in.
+        stages : jax.Array, shape (time − 1, 1, 3)
+            Its values.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), NaN from where a run has diverged, and whether none has (run,).
+        """
+        from structid.device import jnp
+
+        self.check_excitation(excitation)
+        scales = self.recursion.scales
+        x = input_signal(excitation, stages)[:, None] / scales["x"]
+        bound = PREDICTION_BOUND * self.largest
+        coefficients = self.coefficients.predict(theta).T
+        scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
+        inside = (jnp.abs(scaled) < bound).all(axis=1)  # [time, run]; NaN is not
+        finite = inside.all(axis=0)
+        factors = np.array([scales[y] for y in self.recursion.outputs])
+        alive = jnp.where(finite, True, jnp.cumsum(~inside, axis=0) == 0)
+        return jnp.where(alive[:, None], scaled, jnp.nan) * factors[:, None], finite
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+        return local_size(values) * self.spread
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the surrogate consists of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        said, arrays = self.coefficients.to_plain()
+        recursion = self.recursion
+        plain = {
+            "terms": [[t.text for t in of] for of in recursion.terms],
+            "memories": [str(m) for m in recursion.memories],
+            "inputs": list(recursion.inputs),
+            "outputs": list(recursion.outputs),
+            "scales": dict(recursion.scales),
+            "largest": self.largest,
+            "coefficients": said,
+        }
+        return plain, {**arrays, "initial": recursion.initial, "spread": self.spread}
+
+    @classmethod
+    def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ParametricNARX:
+        """Make a surrogate again from what `to_plain` said.
+
+        Parameters
+        ----------
+        fit : Fit
+            How it came about.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        ParametricNARX
+            The same surrogate.
+        """
+        recursion = Recursion(
+            tuple(tuple(Term(t) for t in of) for of in plain["terms"]),
+            tuple(Memory.parse(m) for m in plain["memories"]),
+            tuple(plain["inputs"]),
+            tuple(plain["outputs"]),
+            fit.dt,
+            plain["scales"],
+            arrays["initial"],
+        )
+        coefficients = Coefficients.from_plain(fit.space, plain["coefficients"], arrays)
+        return cls(fit, recursion, coefficients, plain["largest"], arrays["spread"])

@@ -1,0 +1,378 @@
+"""From runs to a NARX structure: signals, scales, training data, first coefficients, and which terms to keep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.histories import base_channel
+from structid.runs import Runs
+from structid.surrogates.lars import least_angle_order, orthogonal_order
+from structid.surrogates.recursion import Recursion
+from structid.surrogates.terms import Memory, Term, as_memories, as_terms, check_signals, hysteretic_terms
+from structid.surrogates.training import FreeRun, TrainingSet, joint_solution, robust_loss
+
+FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
+"""Values of a hysteresis' shape b that are tried, relative to the size of the signal it remembers; g starts from zero."""
+
+RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
+"""Ridges of the joint regression that are tried."""
+
+TRIED_RUNS = 100
+"""Runs the first coefficients are judged by."""
+
+MOST_CANDIDATES = 60
+"""Sets of terms that are compared by their free runs at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """Runs as a NARX sees them.
+
+    Parameters
+    ----------
+    x : ndarray, shape (run, time, input)
+        Inputs in SI; zero beyond the end of a shorter record.
+    y : ndarray, shape (run, time, output)
+        Outputs in SI; likewise.
+    counted : ndarray of bool, shape (run, time)
+        Samples of the record.
+    dt : float
+        Time step [s].
+    channels : tuple of str
+        Of the outputs.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    counted: np.ndarray
+    dt: float
+    channels: tuple[str, ...]
+
+    @classmethod
+    def of(cls, runs: Runs, dt: float) -> Experiments:
+        """Bring runs into arrays.
+
+        Parameters
+        ----------
+        runs : Runs
+            Finished runs, on one record or several.
+        dt : float
+            Their time step [s].
+
+        Returns
+        -------
+        Experiments
+            The arrays.
+        """
+        samples = max(len(runs.records[i]) for i in np.unique(runs.record_of_run))
+        x = np.zeros((len(runs), samples, 1))
+        y = np.zeros((len(runs), samples, len(runs.channels)))
+        counted = np.zeros((len(runs), samples), dtype=bool)
+        values = runs.values
+        for row, number in enumerate(runs.record_of_run):
+            record = runs.records[number]
+            count = len(record)
+            x[row, :count, 0], y[row, :count], counted[row, :count] = record.values, values[row, :count], True
+        return cls(x, y, counted, dt, runs.channels)
+
+
+def input_signal(excitation: Excitation, stages: np.ndarray) -> np.ndarray:
+    """Samples of an excitation, its lead-in included, from the stages of an integration with one step a sample.
+
+    Parameters
+    ----------
+    excitation : Excitation
+        Its kind; the values are those of the stages.
+    stages : array, shape (time − 1, 1, 3)
+        From `Excitation.stage_values(1)`.
+
+    Returns
+    -------
+    array, shape (time,)
+        The samples.
+    """
+    from structid.surrogates.polynomials import namespace
+
+    numpy = namespace(stages)
+    return numpy.concatenate([stages[:, 0, 0], stages[-1:, 0, 2]])
+
+
+def default_structure(channels: Sequence[str]) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
+    """Terms with a hysteretic memory for every output; several outputs see one another's past.
+
+    Parameters
+    ----------
+    channels : sequence of str
+        Channels of the outputs: displacements are not integrated, everything else is once.
+
+    Returns
+    -------
+    tuple of tuple
+        Terms of each output, and memories.
+    """
+    names = output_names(len(channels))
+    rates = [base_channel(c) not in ("displacement", "drift", "hysteretic_displacement") for c in channels]
+    terms, memories = hysteretic_terms(names, ("x",), rates)
+    return (terms,) * len(channels), memories
+
+
+def output_names(count: int) -> tuple[str, ...]:
+    """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+    """
+    return ("y",) if count == 1 else tuple(f"y{i + 1}" for i in range(count))
+
+
+def build_recursion(
+    experiments: Experiments,
+    terms: Sequence[Term | str] | None,
+    memories: Sequence[Memory | str],
+) -> Recursion:
+    """Put a structure and the scales of its signals together.
+
+    Parameters
+    ----------
+    experiments : Experiments
+        What the scales are taken from.
+    terms : sequence of Term or str, optional
+        Terms, the same for every output; the default structure when left out.
+    memories : sequence of Memory or str
+        Memories, when terms are given.
+
+    Returns
+    -------
+    Recursion
+        The structure.
+    """
+    outputs = output_names(len(experiments.channels))
+    if terms is None:
+        of_outputs, held = default_structure(experiments.channels)
+    else:
+        of_outputs, held = (as_terms(terms),) * len(outputs), as_memories(memories)
+        check_signals(of_outputs[0], held, ("x",), outputs)
+    if not of_outputs[0]:
+        raise InputError("terms", "none", "one term or more")
+    signals = {"x": experiments.x[:, :, 0]} | {y: experiments.y[:, :, i] for i, y in enumerate(outputs)}
+    scales = {name: _scale(signal, experiments.counted) for name, signal in signals.items()}
+    for memory in held:
+        if memory.kind == "integral":
+            source = signals[memory.of]
+            middle = 0.5 * (source[:, 1:] + source[:, :-1]) * experiments.dt
+            signals[memory.name] = np.cumsum(np.pad(middle, ((0, 0), (1, 0))), axis=1)
+            scales[memory.name] = _scale(signals[memory.name], experiments.counted)
+        elif memory.of in signals:
+            # Only its size matters to what is made of it, and that is the size of what it remembers.
+            signals[memory.name] = signals[memory.of]
+            scales[memory.name] = 1.0
+    initial = experiments.y[:, 0].mean(axis=0) / np.array([scales[y] for y in outputs])
+    return Recursion(of_outputs, held, ("x",), outputs, experiments.dt, scales, initial)
+
+
+def _scale(signal: np.ndarray, counted: np.ndarray) -> float:
+    spread = float(signal[counted].std())
+    return spread if spread > 0 else 1.0
+
+
+def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
+    """Scale experiments.
+
+    Parameters
+    ----------
+    experiments : Experiments
+        In SI.
+    recursion : Recursion
+        With the scales.
+
+    Returns
+    -------
+    TrainingSet
+        Scaled.
+    """
+    y = experiments.y / np.array([recursion.scales[name] for name in recursion.outputs])
+    return TrainingSet(experiments.x / recursion.scales["x"], y, experiments.counted)
+
+
+def first_coefficients(
+    runs: FreeRun, features: np.ndarray, data: TrainingSet, ridges: Sequence[float] = RIDGES
+) -> np.ndarray:
+    """Joint one-step regression; the hysteresis' shapes and the ridge by the free run of some of the experiments.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs.
+    features : ndarray, shape (run, feature)
+        ψ of the experiments.
+    data : TrainingSet
+        The experiments.
+    ridges : sequence of float
+        To be tried.
+
+    Returns
+    -------
+    ndarray, shape (coefficient, feature)
+        The best A; the shapes are constant.
+    """
+    recursion = runs.recursion
+    tried = np.linspace(0, len(data) - 1, min(len(data), TRIED_RUNS)).astype(int)
+    best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
+    for shape in FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,):
+        vector = constant_shapes(recursion, shape)
+        square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
+        square, inner = square.sum(axis=1), inner.sum(axis=1)
+        for ridge in ridges:
+            found = joint_solution(square, inner, features, np.ones(len(data)), ridge)
+            found[recursion.linear_size :, 0] = vector[recursion.linear_size :]
+            loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
+            if loss < lowest:
+                best, lowest = found, loss
+    return best
+
+
+def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
+    """Coefficient vector with nothing but shapes, b as given and g zero.
+
+    Parameters
+    ----------
+    recursion : Recursion
+        The structure.
+    shape : float
+        b of every hysteresis.
+
+    Returns
+    -------
+    ndarray, shape (coefficient,)
+        The vector.
+    """
+    vector = np.zeros(recursion.size)
+    vector[recursion.linear_size :: 2] = shape
+    return vector
+
+
+def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None) -> Recursion:
+    """Choose terms as the thesis does in its first phase, by the free-run error over all experiments (eqs. 2.62 to 2.66).
+
+    Each experiment orders the terms by its own one-step regression and so proposes nested sets; each set that is proposed is refitted
+    by ordinary least squares to every experiment, free-run there, and the one with the smallest robust mean error is kept.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs of the full structure.
+    data : TrainingSet
+        The experiments.
+    method : {"lars", "orthogonal"}
+        How each experiment orders the terms.
+    most : int, optional
+        Most terms of an output.
+
+    Returns
+    -------
+    Recursion
+        The structure with the terms kept.
+    """
+    recursion = runs.recursion
+    tried = np.linspace(0, len(data) - 1, min(len(data), TRIED_RUNS)).astype(int)
+    some = data[tried]
+    vector = constant_shapes(recursion, FIRST_SHAPES[1])
+    square, inner = runs.regression_equations(np.tile(vector, (len(some), 1)), some)
+    kept: list[tuple[Term, ...]] = []
+    start = 0
+    for output, terms in enumerate(recursion.terms):
+        own = slice(start, start + len(terms))
+        candidates = _proposed(square[:, output, own, own], inner[:, output, own], method, most or len(terms))
+        kept.append(_best_candidate(runs, some, output, own, candidates, square, inner, vector))
+        start += len(terms)
+    return replace(recursion, terms=tuple(kept))
+
+
+def _proposed(square: np.ndarray, inner: np.ndarray, method: str, most: int) -> list[tuple[int, ...]]:
+    """Sets of terms that experiments propose, those most often proposed first."""
+    count: dict[tuple[int, ...], int] = {}
+    for gram, covariance in zip(square, inner, strict=True):
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        standard = gram / scale[:, None] / scale
+        if method == "lars":
+            order = least_angle_order(standard, covariance / scale, 1, min(most, len(scale)))
+        else:
+            order = orthogonal_order(standard, covariance / scale, min(most, len(scale)))
+        for size in range(1, len(order) + 1):
+            chosen = tuple(sorted(int(i) for i in order[:size]))
+            count[chosen] = count.get(chosen, 0) + 1
+    ranked = sorted(count, key=lambda c: (-count[c], len(c), c))
+    return ranked[:MOST_CANDIDATES]
+
+
+def _best_candidate(
+    runs: FreeRun,
+    data: TrainingSet,
+    output: int,
+    own: slice,
+    candidates: list[tuple[int, ...]],
+    square: np.ndarray,
+    inner: np.ndarray,
+    vector: np.ndarray,
+) -> tuple[Term, ...]:
+    """Refit every candidate to every experiment, the other outputs with all their terms, and compare free runs."""
+    recursion = runs.recursion
+    full = per_experiment_solution(recursion, square, inner, vector)
+    best, lowest = recursion.terms[output], np.inf
+    for chosen in candidates:
+        coefficients = full.copy()
+        coefficients[:, own] = 0.0
+        columns = own.start + np.array(chosen)
+        gram = square[:, output][:, columns][:, :, columns]
+        coefficients[:, columns] = _solved(gram, inner[:, output][:, columns])
+        loss = robust_loss(runs.errors(coefficients, data)[:, output], 1e-2)
+        if loss < lowest:
+            best, lowest = tuple(recursion.terms[output][i] for i in chosen), loss
+    return best
+
+
+def per_experiment_solution(
+    recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: np.ndarray
+) -> np.ndarray:
+    """Ordinary least squares of every experiment by itself (thesis eq. 2.62).
+
+    Parameters
+    ----------
+    recursion : Recursion
+        The structure.
+    square, inner : ndarray
+        One-step normal equations of each run and output.
+    vector : ndarray, shape (coefficient,)
+        The shapes, which are kept.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    found = np.tile(vector, (len(square), 1))
+    start = 0
+    for output, terms in enumerate(recursion.terms):
+        own = slice(start, start + len(terms))
+        found[:, own] = _solved(square[:, output, own, own], inner[:, output, own])
+        start += len(terms)
+    return found
+
+
+def _solved(gram: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Solve many small normal equations, scaled to a unit diagonal; the ridge is at the level of rounding."""
+    scale = np.sqrt(np.maximum(np.einsum("rii->ri", gram), 1e-300))
+    standard = gram / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(gram.shape[1])
+    return np.linalg.solve(standard, (covariance / scale)[:, :, None])[:, :, 0] / scale
