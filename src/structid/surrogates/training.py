@@ -19,8 +19,8 @@ import numpy as np
 from structid.models.base import Progress
 from structid.surrogates.recursion import Recursion
 
-CHUNK = 100
-"""Runs whose sensitivities are in memory at once."""
+CHUNK = 64
+"""Runs whose sensitivities are in memory at once; always as many, so that they are compiled once."""
 
 LARGEST_ERROR = 1e6
 """A free run that errs by more is as bad as one that diverges."""
@@ -152,10 +152,13 @@ class FreeRun:
     def _over(self, kind: str, coefficients: np.ndarray, data: TrainingSet, chunk: int) -> Any:
         run = self._compiled(kind, data.x.shape[1])
         rows = np.hstack([coefficients, data.rows])
+        count = len(rows)
+        if chunk == CHUNK:
+            rows = np.concatenate([rows, np.repeat(rows[-1:], -count % chunk, axis=0)])
         parts = [run(rows[start : start + chunk]) for start in range(0, len(rows), chunk)]
         if isinstance(parts[0], tuple):
-            return tuple(np.concatenate(column) for column in zip(*parts, strict=True))
-        return np.concatenate(parts)
+            return tuple(np.concatenate(column)[:count] for column in zip(*parts, strict=True))
+        return np.concatenate(parts)[:count]
 
     def errors(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
         """Free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65).
