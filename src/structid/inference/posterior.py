@@ -281,6 +281,21 @@ class Posterior(Target):
         """
         return Posterior(self.model_space, self.model, self.observations, self.discrepancy, map)
 
+    def on(self, model: Model) -> Posterior:
+        """Return the posterior of the same parameters and measurements on another model, such as a surrogate.
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+
+        Returns
+        -------
+        Posterior
+            With that model in the place of this one's.
+        """
+        return Posterior(self.model_space, model, self.observations, self.discrepancy, self.map)
+
     def _label(self, name: str, index: int) -> str:
         return name if len(self.observations) == 1 else f"{name}_{index + 1}"
 

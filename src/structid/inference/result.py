@@ -281,9 +281,22 @@ class SamplingResult:
                 f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
                 "for these data"
             )
+        outside = self._outside()
+        if outside > 0:
+            warnings.append(
+                f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
+                "widen its design, or do more true runs there"
+            )
         if self.failed_simulations:
             warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
         return warnings
+
+    def _outside(self) -> float:
+        """Share of the draws that lie outside the range of the model, if it has one."""
+        if not isinstance(self.target, Posterior):
+            return 0.0
+        draws = self.thinned(10_000)
+        return float(self.target.model.outside(np.asarray(self.target.model_parameters(draws))).mean())
 
     def _prior_warnings(self) -> list[str]:
         """Marginals on a bound of their prior, or far out in its tail."""

@@ -104,6 +104,21 @@ class Model(ABC):
             What drives it.
         """
 
+    def outside(self, theta: np.ndarray) -> np.ndarray:
+        """Say which points lie outside the range the model is known to be good for; a model itself has no such range.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI, in the order of `free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (run,)
+            All False, unless a kind of model says otherwise.
+        """
+        return np.zeros(len(theta), dtype=bool)
+
     def check_fitness(self) -> None:  # noqa: B027
         """Refuse to stand in a posterior; a surrogate that is known to be poor does."""
 

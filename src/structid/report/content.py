@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.errors import InputError
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
@@ -23,6 +24,7 @@ from structid.models.bouc_wen import BoucWen
 from structid.models.shear_frame import ShearFrame
 from structid.optimize import OptimizeResult
 from structid.runs import Runs
+from structid.surrogates.base import Surrogate
 from structid.units import factor
 
 LOOP_DRAWS = 40
@@ -85,6 +87,8 @@ class ReportContent:
         Predictions for other records.
     runs : Runs or None
         The study's campaign.
+    surrogate : Surrogate or None
+        What was sampled in the place of the model.
     figures : list of tuple of str
         Section, file name and caption of every figure drawn so far.
     """
@@ -104,6 +108,7 @@ class ReportContent:
     information: Identifiability | None
     others: tuple[OtherRecord, ...]
     runs: Runs | None = None
+    surrogate: Surrogate | None = None
     figures: list[tuple[str, str, str]] = field(default_factory=list)
 
     @property
@@ -126,6 +131,7 @@ class ReportContent:
         title: str,
         settings: str,
         runs: Runs | None = None,
+        true_posterior: Posterior | None = None,
     ) -> ReportContent:
         """Simulate what the report needs.
 
@@ -149,6 +155,8 @@ class ReportContent:
             Title, and the study file's text.
         runs : Runs, optional
             The study's campaign.
+        true_posterior : Posterior, optional
+            That of the model itself, where a surrogate was sampled: for channels and records the surrogate does not know.
 
         Returns
         -------
@@ -157,16 +165,12 @@ class ReportContent:
         """
         posterior = result.target
         assert isinstance(posterior, Posterior)
+        true_posterior = true_posterior or posterior
         best = result.map_estimate
         draws = result.thinned(prediction_draws)
         observations = posterior.observations
         predictions = tuple(predict(posterior, draws, o.record, seed=result.seed) for o in observations)
-        others = tuple(
-            OtherRecord(
-                r.name, predict(posterior, draws, r, seed=result.seed), predict(posterior, best[None], r).response[0]
-            )
-            for r in other_records
-        )
+        others = tuple(_other(posterior, true_posterior, draws, best, r, result.seed) for r in other_records)
         return cls(
             result=result,
             searches=searches,
@@ -181,15 +185,16 @@ class ReportContent:
             ),
             best_predictions=tuple(posterior.predict(best[None], i)[0] for i in range(len(observations))),
             predictions=predictions,
-            loops=tuple(_loops(posterior, np.vstack([best, draws]), o.record) for o in observations),
+            loops=tuple(_loops(true_posterior, np.vstack([best, draws]), o.record) for o in observations),
             search_loops={
                 name: loops
                 for name, search in searches.items()
-                if (loops := _search_loop(posterior, search, best)) is not None
+                if (loops := _search_loop(true_posterior, search, best)) is not None
             },
             information=identifiability(posterior, best) if isinstance(posterior.model, JaxModel) else None,
             others=others,
             runs=runs,
+            surrogate=posterior.model if isinstance(posterior.model, Surrogate) else None,
         )
 
     # --- figures ------------------------------------------------------------------------------------------------
@@ -216,6 +221,7 @@ class ReportContent:
             self._draw_convergence,
             self._draw_searches,
             self._draw_others,
+            self._draw_surrogate,
             self._draw_runs,
         )
         return [functools.partial(part, folder) for part in parts]
@@ -398,9 +404,59 @@ class ReportContent:
                     save=folder / name,
                 )
 
+    def _draw_surrogate(self, folder: Path) -> None:
+        if self.surrogate is not None and self.surrogate.validation is not None:
+            self.figures.extend(("surrogate", *drawn) for drawn in draw_surrogate(self.surrogate, folder))
+
     def _draw_runs(self, folder: Path) -> None:
         if self.runs is not None:
             self.runs.plot(folder / self._add("true runs", "runs", RUNS_CAPTION))
+
+
+def draw_surrogate(surrogate: Surrogate, folder: Path) -> list[tuple[str, str]]:
+    """Draw how a surrogate stood its validation.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Validated.
+    folder : Path
+        Where the figures go.
+
+    Returns
+    -------
+    list of tuple of str
+        File name and caption of each.
+    """
+    validation = surrogate.validation
+    assert validation is not None
+    drawn = []
+    for channel in validation.channels:
+        name = f"surrogate_{channel}"
+        validation.plot(channel, folder / name)
+        drawn.append(
+            (name, f"The surrogate's {channel} against runs of the model that it has not seen: the best, the median and the worst "
+             "history, peaks, samples, and the distribution of the error.")
+        )  # fmt: skip
+    return drawn
+
+
+def _other(
+    posterior: Posterior,
+    true_posterior: Posterior,
+    draws: np.ndarray,
+    best: np.ndarray,
+    record: GroundMotion,
+    seed: int,
+) -> OtherRecord:
+    """Predict for another record, by the model itself where the surrogate knows only its own."""
+    if isinstance(posterior.model, Surrogate):
+        try:
+            posterior.model.check_excitation(record)
+        except InputError:
+            posterior = true_posterior
+    best_response = predict(posterior, best[None], record).response[0]
+    return OtherRecord(record.name, predict(posterior, draws, record, seed=seed), best_response)
 
 
 def _loop_channels(model: Any) -> tuple[str, ...] | None:

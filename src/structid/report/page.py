@@ -9,8 +9,9 @@ import jinja2
 
 from structid.journal import write_then_rename
 from structid.report import tables
-from structid.report.content import RUNS_CAPTION, ReportContent
+from structid.report.content import RUNS_CAPTION, ReportContent, draw_surrogate
 from structid.runs import Runs
+from structid.surrogates.base import Surrogate
 
 _SECTIONS = {
     "response": "Response",
@@ -18,6 +19,7 @@ _SECTIONS = {
     "deterministic": "Deterministic calibration beside it",
     "other records": "Other records",
     "convergence": "Convergence",
+    "surrogate": "Surrogate",
     "true runs": "True runs",
     "data": "Data",
 }
@@ -67,6 +69,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
             "deterministic": [("Minima", tables.deterministic_table(content))] if content.searches else [],
             "other records": [("Peak response", tables.others_table(content))],
             "convergence": [("Diagnostics", tables.convergence_table(content))],
+            "surrogate": surrogate_tables(content.surrogate),
             "true runs": [("How they ended", tables.runs_table(content.runs))] if content.runs is not None else [],
             "data": [],
         },
@@ -77,7 +80,27 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
     return folder / "report.html"
 
 
-def write_campaign_report(runs: Runs, title: str, settings: str, folder: Path, timings: dict[str, float]) -> Path:
+def surrogate_tables(surrogate: Surrogate | None) -> list[tuple[str, tables.Table]]:
+    """Tables of a surrogate, with what they are called.
+
+    Parameters
+    ----------
+    surrogate : Surrogate or None
+        What stood in for the model, if anything did.
+
+    Returns
+    -------
+    list of tuple
+        Captions and tables.
+    """
+    if surrogate is None or surrogate.validation is None:
+        return []
+    return [("Validation", tables.validation_table(surrogate)), ("What it is", tables.surrogate_table(surrogate))]
+
+
+def write_campaign_report(
+    runs: Runs, title: str, settings: str, folder: Path, timings: dict[str, float], surrogate: Surrogate | None = None
+) -> Path:
     """Write ``report.html`` of a study that has runs and nothing measured.
 
     Parameters
@@ -90,6 +113,8 @@ def write_campaign_report(runs: Runs, title: str, settings: str, folder: Path, t
         Where the page goes.
     timings : dict of str to float
         Seconds of every stage.
+    surrogate : Surrogate, optional
+        What was fitted to the runs.
 
     Returns
     -------
@@ -104,12 +129,21 @@ def write_campaign_report(runs: Runs, title: str, settings: str, folder: Path, t
         sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
         runs=runs,
         ended=tables.runs_table(runs),
+        surrogate=surrogate_tables(surrogate),
+        surrogate_figures=_surrogate_figures(surrogate, folder / "figures"),
         overview=("runs", RUNS_CAPTION, _embedded(folder / "figures" / "runs.png")),
         settings=settings,
         run=tables.versions_table(timings),
     )
     write_then_rename(folder / "report.html", page.encode())
     return folder / "report.html"
+
+
+def _surrogate_figures(surrogate: Surrogate | None, folder: Path) -> list[tuple[str, str, str]]:
+    if surrogate is None or surrogate.validation is None:
+        return []
+    drawn = draw_surrogate(surrogate, folder)
+    return [(name, caption, _embedded(folder / f"{name}.png")) for name, caption in drawn]
 
 
 def _template(name: str) -> jinja2.Template:
@@ -126,7 +160,10 @@ def _embedded(path: Path) -> str:
 def _sentence(content: ReportContent) -> str:
     """Say in one sentence what was done."""
     posterior = content.posterior
-    kind = {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(type(posterior.model).__name__, "model")
+    model = content.surrogate.fitted.kind + " of a model" if content.surrogate is not None else ""
+    kind = model or {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(
+        type(posterior.model).__name__, "model"
+    )
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (

@@ -11,6 +11,7 @@ import numpy as np
 from structid.figures.style import pretty, pretty_unit
 from structid.report.content import ReportContent
 from structid.runs import Runs
+from structid.surrogates.base import Surrogate
 from structid.units import label
 
 Table = tuple[list[str], list[list[str]]]
@@ -283,3 +284,67 @@ def others_table(content: ReportContent) -> Table | None:
                 [other.name, label(channel, pretty_unit(unit)), *(number(v, spread) for v in (low, median, high))]
             )
     return (["record", "largest", "5 %", "median", "95 %"], rows) if rows else None
+
+
+def validation_table(surrogate: Surrogate) -> Table:
+    """Errors of a surrogate over the runs it was validated on, a row a channel.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Validated.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    validation = surrogate.validation
+    assert validation is not None
+    heads = ["channel", "mean error", "median", "95 %", "worst", "diverged", "peak off by", "within 1.96 sd"]
+    rows = [
+        [
+            pretty(channel),
+            *(f"{errors[k]:.2g}" for k in ("mean", "median", "q95", "worst")),
+            f"{validation.diverged} of {len(validation.errors)}",
+            f"{validation.peak_error:.2g}",
+            f"{validation.coverage:.1%}",
+        ]
+        for channel, errors in validation.per_channel.items()
+    ]
+    return heads, rows
+
+
+def surrogate_table(surrogate: Surrogate) -> Table:
+    """What a surrogate is and what it was fitted to.
+
+    Parameters
+    ----------
+    surrogate : Surrogate
+        Fitted.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    fit = surrogate.fitted
+    rows = [
+        ["kind", fit.kind],
+        ["fitted to", f"{fit.runs} runs, {fit.left_out} failed ones left out, in {fit.seconds:.1f} s"],
+        ["mean error estimated while fitting", f"{fit.error:.2g}"],
+        ["may be sampled up to a mean error of", f"{fit.limit:g}"],
+    ]
+    if surrogate.validation is not None:
+        rows.append(
+            [
+                "validation runs outside its range",
+                f"{surrogate.validation.outside} of {len(surrogate.validation.errors)}",
+            ]
+        )
+    rows += [
+        [f"setting: {k}", str(v)]
+        for k, v in fit.settings.items()
+        if k not in ("limit", "outside") and v not in (None, [])
+    ]
+    return ["", ""], rows

@@ -26,6 +26,7 @@ from structid.probability.marginals import Marginal
 from structid.probability.space import Design, ParameterSpace
 from structid.study.external import external_model
 from structid.study.schema import (
+    CampaignSection,
     ExternalSection,
     ObservationSection,
     PriorSection,
@@ -33,6 +34,7 @@ from structid.study.schema import (
     StudyFile,
     VirtualSection,
 )
+from structid.study.surrogate import surrogate_settings
 from structid.units import factor, to_si
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
@@ -44,6 +46,12 @@ _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "weibull": (marginals.Weibull, ("mean", "sd", "shape", "scale", "low", "high")),
     "gumbel": (marginals.Gumbel, ("mean", "sd", "location", "scale", "low", "high")),
 }
+SURROGATE_RUNS = 500
+"""True runs of a study with a surrogate that does not say how many."""
+
+SURROGATE_WIDENING = 2.0
+"""How much further than the prior the design of a surrogate reaches, in normal scores."""
+
 _WITH_UNIT = ("mean", "sd", "low", "high", "scale", "location")
 _PURE = ("shape", "rate", "log_mean", "log_sd", "a", "b")
 
@@ -111,7 +119,15 @@ class BuiltStudy:
             parts["observation"] = digest([o.describe() for o in self.posterior.observations])
             parts["discrepancy"] = digest(self.posterior.discrepancy.describe())
             parts["sampler"] = digest(self.sampler.describe())
+        if self.has_surrogate:
+            said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
+            parts["surrogate"] = digest(said)
         return parts
+
+    @property
+    def has_surrogate(self) -> bool:
+        """Whether a surrogate stands in for the model."""
+        return self.file.surrogate.kind != "none"
 
     @property
     def sampled(self) -> Posterior:
@@ -199,9 +215,10 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
     if settings["settling_steps"] is None:
         settings["settling_steps"] = min(500, int(settings["discard"] * settings["steps"]))
+    driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
+    design, campaign_records = _campaign(file, folder, space, tuple(driven_by.values()))
     study = BuiltStudy(
-        file, folder, raw, record, space, model, *_campaign(file, folder, space, record), posterior, _sampler(settings),
-        tuple(truths), others,
+        file, folder, raw, record, space, model, design, campaign_records, posterior, _sampler(settings), tuple(truths), others,
     )  # fmt: skip
     _check_before_anything_is_written(study)
     return study
@@ -224,6 +241,8 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "one of them, or both",
             "Say what to calibrate, or what to run.",
         )
+    if study.has_surrogate:
+        surrogate_settings(study.file.surrogate)
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
@@ -236,15 +255,22 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
 
 
 def _campaign(
-    file: StudyFile, folder: Path, space: ParameterSpace, record: GroundMotion
+    file: StudyFile, folder: Path, space: ParameterSpace, driven_by: tuple[GroundMotion, ...]
 ) -> tuple[Design | None, tuple[GroundMotion, ...]]:
-    """Draw the design of true runs, and read the records that drive them."""
-    section = file.campaign
-    if section is None:
+    """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'."""
+    section, kind = file.campaign, file.surrogate.kind
+    if section is None and kind == "none":
         return None, ()
+    section = section or CampaignSection(runs=SURROGATE_RUNS)
     seed = file.seed if section.seed is None else section.seed
     further = [load_record(r, folder, f"campaign.records.{i}") for i, r in enumerate(section.records)]
-    return space.sample(section.runs, seed, section.method), (record, *further)
+    # A design that a surrogate is fitted to reaches further into the tails than the prior.
+    widen = section.widen or (1.0 if kind == "none" else SURROGATE_WIDENING)
+    design = space.sample(section.runs, seed, section.method, widen)
+    records = (*(driven_by[:1] if kind == "none" else driven_by), *further)
+    if kind.startswith("pod"):  # knows only the records it was fitted to: every point on each
+        design = Design(np.repeat(design.values, len(records), axis=0), space)
+    return design, records
 
 
 # --- records --------------------------------------------------------------------------------------------------------

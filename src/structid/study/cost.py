@@ -83,8 +83,12 @@ def estimate(study: BuiltStudy) -> Cost:
         What sampling will take.
     """
     true_runs = 0 if study.campaign is None else len(study.campaign)
+    if study.has_surrogate:  # samples itself, in seconds
+        true_runs += study.file.surrogate.validation
     sampling_runs = (
-        0 if study.posterior is None else study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
+        0
+        if study.posterior is None or study.has_surrogate
+        else study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
     )
     if isinstance(study.model, JaxModel):
         batch = study.sampler.ensembles * study.sampler.walkers // 2

@@ -30,6 +30,9 @@ from structid.report.page import write_campaign_report, write_report
 from structid.runs import Runs
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
+from structid.study.surrogate import fitted_surrogate
+from structid.surrogates.base import Surrogate
+from structid.surrogates.storage import load as load_surrogate
 
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""
@@ -40,6 +43,7 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
 }
 _STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
 _CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
+_SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
 
 
 @contextmanager
@@ -68,12 +72,15 @@ class Outcome:
         The page.
     runs : Runs or None
         The campaign's.
+    surrogate : Surrogate or None
+        What stood in for the model, validated.
     """
 
     result: SamplingResult | None
     searches: dict[str, OptimizeResult]
     report: Path
     runs: Runs | None = None
+    surrogate: Surrogate | None = None
 
 
 def load(path: str | Path) -> BuiltStudy:
@@ -252,19 +259,46 @@ def _work(
     if isinstance(study.model, ProgramModel):
         study.model.scratch = folder.resolve() / _SCRATCH
     runs = _campaign(study, folder, stage, timings, executor, retry, adopt)
+    surrogate = _surrogate(study, runs, folder, stage, timings, executor)
     if study.posterior is None:
         assert runs is not None
-        return _runs_report(runs, study.file, folder, timings)
+        return replace(_runs_report(runs, study.file, folder, timings, surrogate), surrogate=surrogate)
     # Only an external model's runs are spread: a built-in one runs in batches.
     with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
-        return _calibration(replace(study, posterior=study.posterior.spread(spread)), folder, stage, timings, runs)
+        study = replace(study, posterior=study.posterior.spread(spread))
+        return _calibration(study, folder, stage, timings, runs, surrogate)
 
 
-def _runs_report(runs: Runs, file: StudyFile, folder: Path, timings: _Timings) -> Outcome:
+def _runs_report(
+    runs: Runs, file: StudyFile, folder: Path, timings: _Timings, surrogate: Surrogate | None = None
+) -> Outcome:
     settings = (folder / _STUDY).read_text(encoding="utf-8")
-    return Outcome(
-        None, {}, write_campaign_report(runs, file.title or file.name, settings, folder, timings.seconds), runs
-    )
+    if surrogate is None and (folder / _SURROGATE).is_file():
+        surrogate = load_surrogate(folder / _SURROGATE)
+    page = write_campaign_report(runs, file.title or file.name, settings, folder, timings.seconds, surrogate)
+    return Outcome(None, {}, page, runs, surrogate)
+
+
+def _surrogate(
+    study: BuiltStudy, runs: Runs | None, folder: Path, stage: Stage, timings: _Timings, executor: Any
+) -> Surrogate | None:
+    """Fit the surrogate the study asks for, and validate it on runs it has not seen; or read it back."""
+    section = study.file.surrogate
+    if not study.has_surrogate:
+        return None
+    assert runs is not None
+    with stage("fitting the surrogate") as progress, timings.measured("fitting the surrogate", once=True):
+        surrogate = fitted_surrogate(section, runs, folder / _SURROGATE, progress)
+    if surrogate.validation is None:
+        count = section.validation * (len(study.campaign_records) if section.kind.startswith("pod") else 1)
+        design = study.space.sample(count, study.file.seed, "random")
+        campaign = Campaign(study.model, study.campaign_records, design, folder / _VALIDATION, assignment="cycle")
+        with stage("true runs to validate it") as progress, timings.measured("true runs to validate it", goes_on=True):
+            unseen = campaign.run(executor, progress=progress)
+        with stage("validating the surrogate") as progress, timings.measured("validating the surrogate"):
+            surrogate.validate(unseen, progress)
+        surrogate.save(folder / _SURROGATE)
+    return surrogate
 
 
 def _campaign(
@@ -273,14 +307,18 @@ def _campaign(
     """Do the true runs the study asks for, or read them back."""
     if study.campaign is None:
         return None
-    assert study.file.campaign is not None
     campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment="cycle")
-    attempts = study.file.campaign.attempts
+    attempts = 1 if study.file.campaign is None else study.file.campaign.attempts
     with stage("true runs") as progress, timings.measured("true runs", goes_on=True):
         return campaign.run(executor, retry=retry, attempts=attempts, adopt=adopt, progress=progress)
 
 
-def _calibration(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None) -> Outcome:
+def _calibration(
+    study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None, surrogate: Surrogate | None
+) -> Outcome:
+    true_posterior = study.sampled
+    if surrogate is not None:
+        study = replace(study, posterior=true_posterior.on(surrogate))
     searches = _deterministic(study, folder, stage, timings)
     with stage("sampling") as progress, timings.measured("sampling"):
         result = sample(study.sampled, study.sampler, study.file.seed, folder / _CHAINS, progress=progress)
@@ -298,6 +336,7 @@ def _calibration(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timing
             title=study.file.title or study.file.name,
             settings=(folder / _STUDY).read_text(encoding="utf-8"),
             runs=runs,
+            true_posterior=true_posterior,
         )
         steps = [*content.drawings(folder / "figures"), lambda: result.to_netcdf(folder / "posterior.nc")]
         for done, step in enumerate(steps, start=1):
@@ -305,7 +344,7 @@ def _calibration(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timing
             if progress is not None:
                 progress(done, len(steps))
     report = write_report(content, folder, timings.seconds)
-    return Outcome(result, searches, report, runs)
+    return Outcome(result, searches, report, runs, surrogate)
 
 
 class _Timings:
@@ -320,12 +359,13 @@ class _Timings:
         write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
 
     @contextmanager
-    def measured(self, name: str, goes_on: bool = False) -> Iterator[None]:
-        """Measure a stage; one that goes on where it was stopped adds to what it has taken before."""
-        before = self.seconds.get(name, 0.0) if goes_on else 0.0
+    def measured(self, name: str, goes_on: bool = False, once: bool = False) -> Iterator[None]:
+        """Measure a stage; one that goes on where it was stopped adds to what it took before, one done once keeps that."""
+        before = self.seconds.get(name, 0.0)
         began = time.perf_counter()
         yield
-        self.put(name, before + time.perf_counter() - began)
+        if not (once and before):
+            self.put(name, (before if goes_on else 0.0) + time.perf_counter() - began)
 
 
 def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings) -> dict[str, OptimizeResult]:

@@ -269,10 +269,36 @@ class CampaignSection(Section):
 
     runs: int = Field(ge=1)
     method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
+    widen: float | None = Field(default=None, gt=0)
     seed: int | None = Field(default=None, ge=0)
     channels: tuple[str, ...] = ()
     attempts: int = Field(default=1, ge=1)
     records: tuple[RecordSection, ...] = ()
+
+
+class SurrogateSection(Section):
+    """A surrogate that the sampler calls in the place of the model; see `PODKriging`, `PODPCE`, `PCNARX`, `KrigingNARX`."""
+
+    kind: Literal["none", "pod_kriging", "pod_pce", "pc_narx", "kriging_narx"]
+    validation: int = Field(default=500, ge=10)
+    limit: float | None = Field(default=None, gt=0)
+    outside: Literal["warn", "refuse", "allow"] | None = None
+    trust: bool = False
+    left_out_energy: float | None = None
+    correlation: Literal["exponential", "matern32", "matern52", "gaussian"] | None = None
+    separable: bool | None = None
+    nugget: float | Literal["estimate"] | None = None
+    estimation: Literal["ml", "cv"] | None = None
+    degree: int | tuple[int, ...] | None = None
+    hyperbolic_norm: float | tuple[float, ...] | None = None
+    method: Literal["sparse", "lars", "forward", "ols", "shrinkage"] | None = None
+    terms: tuple[str, ...] | None = None
+    memories: tuple[str, ...] | None = None
+    training: Literal["joint", "per-experiment"] | None = None
+    selection: Literal["lars", "orthogonal"] | None = None
+    most_terms: int | None = None
+    steps: int | None = None
+    held_out: float | None = None
 
 
 class PredictionSection(Section):
@@ -297,6 +323,7 @@ class StudyFile(Section):
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
     campaign: CampaignSection | None = None
+    surrogate: SurrogateSection = SurrogateSection(kind="none")
     discrepancy: DiscrepancySection = DiscrepancySection()
     sampler: SamplerSection = SamplerSection()
     deterministic: DeterministicSection = DeterministicSection()

@@ -17,6 +17,7 @@ from structid.histories import Histories
 from structid.models.base import JaxModel, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
+from structid.surrogates.polynomials import namespace
 from structid.surrogates.validation import Validation, validate
 
 FEWEST_RUNS = 10
@@ -173,7 +174,7 @@ class Surrogate(JaxModel):
             raise InputError(
                 f"{self.fitted.kind}.simulate", came, allowed, "Fit it to more runs there, or allow it (outside=…)."
             )
-        warnings.warn(f"{self.fitted.kind}: {came} it was fitted to ({allowed}).", StructidWarning, stacklevel=3)
+        warnings.warn(f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds as at the edge.", StructidWarning, stacklevel=3)
 
     def outside(self, theta: np.ndarray) -> np.ndarray:
         """Say which points lie outside the range of the design.
@@ -189,6 +190,21 @@ class Surrogate(JaxModel):
             True where some parameter is below or above everything the surrogate was fitted to.
         """
         return np.asarray(((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1))
+
+    def held_inside(self, theta: Any) -> Any:
+        """Move points outside the range of the design to its edge: beyond it nothing is known, and polynomials run away.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, parameter)
+            Of the kind `theta` is.
+        """
+        return namespace(theta).clip(theta, self.fitted.low, self.fitted.high)
 
     def _range(self) -> str:
         units, factors = self.space.units, self.space.factors
@@ -298,7 +314,7 @@ class Surrogate(JaxModel):
         return "\n".join(lines)
 
 
-def fitting_runs(where: str, runs: Any) -> tuple[Runs, int]:
+def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:
     """Check runs to fit to, and leave out those that failed.
 
     Parameters
@@ -307,6 +323,8 @@ def fitting_runs(where: str, runs: Any) -> tuple[Runs, int]:
         The function, for messages.
     runs : Runs
         What came.
+    fewest : int
+        Fewer finished runs are refused.
 
     Returns
     -------
@@ -322,8 +340,8 @@ def fitting_runs(where: str, runs: Any) -> tuple[Runs, int]:
         raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     done = runs[runs.done]
     left_out = len(runs) - len(done)
-    if len(done) < FEWEST_RUNS:
-        raise InputError(where, f"{len(done)} finished runs and {left_out} others", f"{FEWEST_RUNS} finished ones or more")
+    if len(done) < fewest:
+        raise InputError(where, f"{len(done)} finished runs and {left_out} others", f"{fewest} finished ones or more")
     if not np.isfinite(done.design.values).all():
         raise InputError(where, "parameters that are not finite", "finite numbers")
     spread = np.zeros(len(done.channels))

@@ -192,7 +192,9 @@ def _compiled(family: str, separable: bool) -> tuple[Any, Any]:
         size = points.shape[1]
 
         def weighted(log_lengths: Any, row: Any) -> Any:
-            return jnp.vdot(row[2 * size :], correlation(family, separable, row[None, size : 2 * size], points, log_lengths))
+            return jnp.vdot(
+                row[2 * size :], correlation(family, separable, row[None, size : 2 * size], points, log_lengths)
+            )
 
         return jax.vmap(lambda row: jax.grad(weighted)(row[:size], row))(rows)
 
@@ -381,7 +383,9 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
 def _inverse_curvature(objective: _Objective, place: np.ndarray) -> np.ndarray:
     """Inverse of the matrix of second derivatives, by differences of gradients; flat directions are made finite."""
     step = 1e-3
-    slopes = [(objective(place + step * e)[1] - objective(place - step * e)[1]) / (2 * step) for e in np.eye(len(place))]
+    slopes = [
+        (objective(place + step * e)[1] - objective(place - step * e)[1]) / (2 * step) for e in np.eye(len(place))
+    ]
     values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.array(slopes).T))
     return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
 

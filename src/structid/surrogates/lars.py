@@ -97,7 +97,14 @@ def least_angle_order(gram: np.ndarray, covariance: np.ndarray, runs: int, most:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # it says when a term depends on others, and leaves it out
         _, active, _ = lars_path_gram(
-            covariance, gram, n_samples=runs, method="lar", max_iter=most, return_path=False, copy_X=True, copy_Gram=True
+            covariance,
+            gram,
+            n_samples=runs,
+            method="lar",
+            max_iter=most,
+            return_path=False,
+            copy_X=True,
+            copy_Gram=True,
         )
     return np.asarray(active, dtype=int)
 

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 import scipy.ndimage
 
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, Status, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress
-from structid.probability.space import Design
-from structid.runs import Runs
-from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitting_runs
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import InMemory, Runs
+from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.pce import PCE, ChaosExpansion
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices
@@ -74,6 +74,8 @@ class NARXSettings:
         Most steps of the training on the free-run error; 0 leaves it at the regression.
     held_out : float
         Share of the runs that choose when to stop and what the predicted standard deviation is.
+    washout : float
+        Time at the start of each run that does not count [s], where what went before is not known.
     limit : float
         Largest mean relative error with which it may stand in a posterior.
     outside : {"warn", "refuse", "allow"}
@@ -90,6 +92,7 @@ class NARXSettings:
     degree: int = 3
     steps: int = 10
     held_out: float = 0.1
+    washout: float = 0.0
     limit: float = 5e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
     seed: int = 0
@@ -110,11 +113,11 @@ class PCNARX(NARXSettings):
     ----------
     pce : PCE
         For ``training="per-experiment"``: how the coefficients are expanded.
-    terms, memories, training, selection, most_terms, degree, steps, held_out, limit, outside, seed
+    terms, memories, training, selection, most_terms, degree, steps, held_out, washout, limit, outside, seed
         As for `NARXSettings`.
     """
 
-    pce: PCE = PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0)
+    pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
         """Fit to runs on one record or several.
@@ -148,11 +151,11 @@ class KrigingNARX(NARXSettings):
         How the coefficients are interpolated.
     refinements : int
         Steps of the refinement.
-    terms, memories, training, selection, most_terms, degree, steps, held_out, limit, outside, seed
+    terms, memories, training, selection, most_terms, degree, steps, held_out, washout, limit, outside, seed
         As for `NARXSettings`.
     """
 
-    kriging: Kriging = Kriging(nugget="estimate", separable=False)
+    kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))
     refinements: int = 2
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
@@ -173,16 +176,73 @@ class KrigingNARX(NARXSettings):
         return _Fitting(self, runs, progress).kriging_narx(self.kriging, self.refinements)
 
 
+@dataclass(frozen=True)
+class NARX(NARXSettings):
+    """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.
+
+    Parameters
+    ----------
+    terms, memories, training, selection, most_terms, degree, steps, held_out, washout, limit, outside, seed
+        As for `NARXSettings`; there are no parameters, so the degree does not matter.
+    """
+
+    def fit(
+        self,
+        excitations: Excitation | Sequence[Excitation],
+        responses: np.ndarray | Sequence[np.ndarray],
+        channels: Sequence[str] = ("displacement",),
+        progress: Progress | None = None,
+    ) -> ParametricNARX:
+        """Fit to one experiment or several.
+
+        Parameters
+        ----------
+        excitations : Excitation or sequence of Excitation
+            What drove the system.
+        responses : array-like or sequence of array-like, shape (time,) or (time, channel)
+            What was measured, in SI, one for each excitation.
+        channels : sequence of str
+            Names of the channels.
+        progress : callable, optional
+            Told how many training steps are done.
+
+        Returns
+        -------
+        ParametricNARX
+            A model without free parameters; ``simulate(np.zeros((1, 0)), record)`` runs it.
+        """
+        if isinstance(excitations, Excitation):
+            excitations, responses = [excitations], [responses]  # type: ignore[list-item]
+        records = tuple(excitations)
+        measured = [np.asarray(r, dtype=np.float64) for r in responses]
+        samples = max(map(len, records))
+        values = np.full((len(records), samples, len(channels)), np.nan)
+        for row, (record, response) in enumerate(zip(records, measured, strict=True)):
+            if response.shape not in ((len(record),) * (len(channels) == 1), (len(record), len(channels))):
+                raise InputError(
+                    "NARX.fit",
+                    f"a response of shape {response.shape}",
+                    f"({len(record)}, {len(channels)}) as its excitation",
+                )
+            values[row, : len(record)] = response.reshape(len(record), -1)
+        nothing = Design(np.zeros((len(records), 0)), ParameterSpace())
+        status = np.full(len(records), Status.DONE)
+        runs = Runs(nothing, records, tuple(channels), InMemory(values), status, np.arange(len(records)))
+        return _Fitting(self, runs, progress, fewest=1).pc_narx(PCE(degree=0))
+
+
 class _Fitting:
     """One fit, step by step: data, structure, coefficients, uncertainty."""
 
-    def __init__(self, settings: NARXSettings, runs: Runs, progress: Progress | None) -> None:
+    def __init__(
+        self, settings: NARXSettings, runs: Runs, progress: Progress | None, fewest: int = FEWEST_RUNS
+    ) -> None:
         self.settings, self.progress, self.watch = settings, progress, Stopwatch()
         self.kind = type(settings).__name__
-        self.runs, self.left_out = fitting_runs(f"{self.kind}.fit", runs)
+        self.runs, self.left_out = fitting_runs(f"{self.kind}.fit", runs, fewest)
         records = [self.runs.records[i] for i in np.unique(self.runs.record_of_run)]
         self.excitation, self.dt = common_step(f"{self.kind}.fit", records)
-        self.experiments = Experiments.of(self.runs, self.dt)
+        self.experiments = Experiments.of(self.runs, self.dt, settings.washout)
         self.recursion = build_recursion(self.experiments, settings.terms, settings.memories)
         self.data = training_set(self.experiments, self.recursion)
         self.largest = float(np.abs(self.data.y).max())
@@ -198,7 +258,7 @@ class _Fitting:
 
     def _split(self) -> tuple[np.ndarray, np.ndarray]:
         """Rows to fit to and rows held out."""
-        count = int(round(self.settings.held_out * len(self.runs)))
+        count = round(self.settings.held_out * len(self.runs))
         order = np.random.default_rng(self.settings.seed).permutation(len(self.runs))
         return np.sort(order[count:]), np.sort(order[:count])
 
@@ -241,10 +301,11 @@ class _Fitting:
                 start = train_free_run(short, start, rows, data, None, 4, LOSS_SCALE).coefficients
         # Most steps see part of the runs only: enough to determine every coefficient.
         some = np.linspace(0, len(data) - 1, min(len(data), max(len(data) // 4, 3 * len(basis)))).astype(int)
-        if len(some) < len(data) // 2 and self.settings.steps > LAST_STEPS:
-            early = self.settings.steps - LAST_STEPS
+        early = self.settings.steps - LAST_STEPS if len(some) < len(data) // 2 else 0
+        if early > 0:
             start = self._trained(start, rows[some], data[some], held_out, early, 0)
-        return self._expansion(basis, self._trained(start, rows, data, held_out, LAST_STEPS, self.settings.steps), rows)
+        last = self.settings.steps - max(early, 0)
+        return self._expansion(basis, self._trained(start, rows, data, held_out, last, max(early, 0)), rows)
 
     def _trained(
         self,
@@ -255,8 +316,11 @@ class _Fitting:
         steps: int,
         before: int,
     ) -> np.ndarray:
-        whole = self.settings.steps
-        tell = None if self.progress is None else (lambda done, _: self.progress(min(before, whole - steps) + done, whole))
+
+        def tell(done: int, _: int) -> None:
+            if self.progress is not None:
+                self.progress(before + done, self.settings.steps)
+
         return train_free_run(self.free_run, start, features, data, held_out, steps, LOSS_SCALE, tell).coefficients
 
     def _basis(self) -> PolynomialBasis:
@@ -544,7 +608,7 @@ class ParametricNARX(Surrogate):
         scales = self.recursion.scales
         x = input_signal(excitation, stages)[:, None] / scales["x"]
         bound = PREDICTION_BOUND * self.largest
-        coefficients = self.coefficients.predict(theta).T
+        coefficients = self.coefficients.predict(self.held_inside(theta)).T
         scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
         inside = (jnp.abs(scaled) < bound).all(axis=1)  # [time, run]; NaN is not
         finite = inside.all(axis=0)

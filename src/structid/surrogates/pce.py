@@ -86,7 +86,9 @@ class PCE:
         found = [b for b in best if b is not None]
         if len(found) < len(best):
             degree = int(np.min(self.degree))
-            terms = len(multi_indices(design.space.dimension, degree, float(np.min(self.hyperbolic_norm)), self.interaction))
+            terms = len(
+                multi_indices(design.space.dimension, degree, float(np.min(self.hyperbolic_norm)), self.interaction)
+            )
             raise InputError(
                 "PCE.fit",
                 f"{len(theta)} runs for a basis of {terms} terms",
@@ -176,7 +178,9 @@ def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray,
     outputs = np.asarray(values, dtype=np.float64)
     outputs = outputs[:, None] if outputs.ndim == 1 else outputs
     if outputs.ndim != 2 or len(outputs) != len(theta):
-        raise InputError(where, f"values of shape {np.shape(values)} for {len(theta)} points", f"({len(theta)}, output)")
+        raise InputError(
+            where, f"values of shape {np.shape(values)} for {len(theta)} points", f"({len(theta)}, output)"
+        )
     bad = np.flatnonzero(~np.isfinite(outputs).all(axis=1))
     if len(bad):
         raise InputError(
@@ -275,7 +279,7 @@ class ChaosExpansion:
 
     @property
     def _constant(self) -> np.ndarray:
-        return ~self.basis.indices.any(axis=1)
+        return np.asarray(~self.basis.indices.any(axis=1))
 
     def predict(self, theta: Any) -> Any:
         """Values at other points.
@@ -347,7 +351,9 @@ class ChaosExpansion:
             rows = rng.integers(len(columns), size=len(columns))
             for k in range(self.coefficients.shape[1]):
                 active = np.flatnonzero(self.coefficients[:, k])
-                found[r, active, k] = np.linalg.lstsq(columns[np.ix_(rows, active)], self.outputs[rows, k], rcond=None)[0]
+                found[r, active, k] = np.linalg.lstsq(columns[np.ix_(rows, active)], self.outputs[rows, k], rcond=None)[
+                    0
+                ]
         return found
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -370,7 +376,9 @@ class ChaosExpansion:
         return {}, arrays
 
     @classmethod
-    def from_plain(cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ChaosExpansion:
+    def from_plain(
+        cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> ChaosExpansion:
         """Make an expansion again from what `to_plain` said.
 
         Parameters

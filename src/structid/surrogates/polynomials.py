@@ -210,7 +210,9 @@ def namespace(x: Any) -> Any:
 def _truncation(marginal: Marginal) -> np.ndarray:
     """Bounds that cut something off a distribution; infinite where they do not."""
     low, high = marginal.base.support()
-    cuts = np.array([marginal.low if marginal.low > low else -np.inf, marginal.high if marginal.high < high else np.inf])
+    cuts = np.array(
+        [marginal.low if marginal.low > low else -np.inf, marginal.high if marginal.high < high else np.inf]
+    )
     # A bound beyond which nothing lies, in double precision, is none.
     beyond = np.array([marginal.base.cdf(cuts[0]), marginal.base.sf(cuts[1])])
     return np.where(beyond < 1e-16, [-np.inf, np.inf], cuts)

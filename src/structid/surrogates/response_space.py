@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -35,7 +35,7 @@ class PODKriging:
         What to do with parameters beyond the range of the design.
     """
 
-    kriging: Kriging = Kriging()
+    kriging: Kriging = field(default_factory=Kriging)
     left_out_energy: float = 1e-9
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
@@ -71,7 +71,7 @@ class PODPCE:
         As for `PODKriging`.
     """
 
-    pce: PCE = PCE(method="shrinkage")
+    pce: PCE = field(default_factory=lambda: PCE(method="shrinkage"))
     left_out_energy: float = 1e-9
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
@@ -160,7 +160,9 @@ def _fit(
     for number, index in enumerate(used):
         some = done.on(index)
         if len(some) < 3:
-            raise InputError(f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", "enough runs on each record")
+            raise InputError(
+                f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", "enough runs on each record"
+            )
         tell = None if progress is None or len(used) > 1 else progress
         fits[some.records[0].content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
         if progress is not None and len(used) > 1:
@@ -245,7 +247,9 @@ class ResponseSpaceSurrogate(Surrogate):
             If it is another one, by its values.
         """
         if excitation.content_hash not in self.records:
-            known = ", ".join(f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values())
+            known = ", ".join(
+                f"'{f.name}' ({f.samples} samples at {self.fitted.dt:g} s)" for f in self.records.values()
+            )
             raise InputError(
                 f"{self.fitted.kind}: record",
                 f"'{excitation.name}' ({len(excitation)} samples at {excitation.dt:g} s), which it was not fitted to",
@@ -290,7 +294,7 @@ class ResponseSpaceSurrogate(Surrogate):
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         factors = np.tile(fit.scale, fit.samples)
-        scores = fit.scores.predict(theta)
+        scores = fit.scores.predict(self.held_inside(theta))
         values = jnp.asarray((fit.modes * factors).T) @ scores.T + jnp.asarray(fit.mean * factors)[:, None]
         finite = jnp.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
@@ -315,7 +319,7 @@ class ResponseSpaceSurrogate(Surrogate):
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         if isinstance(fit.scores, KrigingPredictor):
-            deviation = fit.scores.predict(np.asarray(theta, dtype=np.float64), return_std=True)[1]
+            deviation = fit.scores.predict(self.held_inside(np.asarray(theta, dtype=np.float64)), return_std=True)[1]
         else:
             deviation = np.tile(fit.score_deviation, (len(theta), 1))
         variance = deviation**2 @ fit.modes**2 + fit.truncation**2

@@ -61,5 +61,3 @@ def quasi_newton(
             covariance = left @ covariance @ left.T + np.outer(step, step) / (step @ bend)
         place, value, slope = trial, trial_value, trial_slope
     return place, covariance, value
-
-

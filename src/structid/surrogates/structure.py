@@ -54,7 +54,7 @@ class Experiments:
     channels: tuple[str, ...]
 
     @classmethod
-    def of(cls, runs: Runs, dt: float) -> Experiments:
+    def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
         """Bring runs into arrays.
 
         Parameters
@@ -63,6 +63,8 @@ class Experiments:
             Finished runs, on one record or several.
         dt : float
             Their time step [s].
+        washout : float
+            Time at the start that does not count [s].
 
         Returns
         -------
@@ -77,7 +79,10 @@ class Experiments:
         for row, number in enumerate(runs.record_of_run):
             record = runs.records[number]
             count = len(record)
-            x[row, :count, 0], y[row, :count], counted[row, :count] = record.values, values[row, :count], True
+            x[row, :count, 0], y[row, :count] = record.values, values[row, :count]
+            counted[row, round(washout / dt) : count] = True
+        if not counted.any(axis=1).all():
+            raise InputError("washout", f"{washout:g} s", "less than the shortest record")
         return cls(x, y, counted, dt, runs.channels)
 
 
@@ -266,8 +271,8 @@ def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
 def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None) -> Recursion:
     """Choose terms as the thesis does in its first phase, by the free-run error over all experiments (eqs. 2.62 to 2.66).
 
-    Each experiment orders the terms by its own one-step regression and so proposes nested sets; each set that is proposed is refitted
-    by ordinary least squares to every experiment, free-run there, and the one with the smallest robust mean error is kept.
+    Each experiment orders the terms by its own one-step regression and so proposes nested sets; each set that is proposed is
+    refitted by ordinary least squares to every experiment, free-run there, and the one with the smallest robust mean error is kept.
 
     Parameters
     ----------

@@ -175,7 +175,9 @@ def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:
     return tuple(m if isinstance(m, Memory) else Memory.parse(m) for m in given)
 
 
-def check_signals(terms: Sequence[Term], memories: Sequence[Memory], inputs: Sequence[str], outputs: Sequence[str]) -> None:
+def check_signals(
+    terms: Sequence[Term], memories: Sequence[Memory], inputs: Sequence[str], outputs: Sequence[str]
+) -> None:
     """Check that every signal of a structure is there, and past where it must be.
 
     Parameters
@@ -201,7 +203,9 @@ def check_signals(terms: Sequence[Term], memories: Sequence[Memory], inputs: Seq
     for term in terms:
         for signal, lag in term.signals:
             if signal not in known:
-                raise InputError(f"term '{term}'", f"the signal '{signal}'", ", ".join(known), suggestion(signal, known))
+                raise InputError(
+                    f"term '{term}'", f"the signal '{signal}'", ", ".join(known), suggestion(signal, known)
+                )
             if signal not in inputs and lag < 1:
                 raise InputError(f"term '{term}'", f"{signal}(t)", f"{signal}(t-1) or earlier", "It is not known yet.")
 

@@ -22,6 +22,9 @@ from structid.surrogates.recursion import Recursion
 CHUNK = 64
 """Runs whose sensitivities are in memory at once; always as many, so that they are compiled once."""
 
+SMALLEST_GAIN = 1e-3
+"""Of the loss; a smaller one ends the training."""
+
 LARGEST_ERROR = 1e6
 """A free run that errs by more is as bad as one that diverges."""
 
@@ -98,7 +101,7 @@ class FreeRun:
         if (kind, samples) not in cache:
             body = {"errors": self._errors, "normal": self._normal, "regression": self._regression}[kind]
             cache[kind, samples] = over_runs(lambda rows: body(*self._split(rows, samples)))
-        return cache[kind, samples]  # type: ignore[no-any-return]
+        return cache[kind, samples]
 
     def _run(self, coefficients: Any, x: Any, y: Any) -> Any:
         if self.horizon is None:
@@ -193,7 +196,8 @@ class FreeRun:
         tuple of ndarray
             (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
         """
-        return self._relative(*self._over("normal", coefficients, data, CHUNK), data)
+        square, inner = self._over("normal", coefficients, data, CHUNK)
+        return _relative(square, inner, data.spread)
 
     def regression_equations(self, shapes: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
         """Normal equations of the one-step regression, likewise.
@@ -210,14 +214,16 @@ class FreeRun:
         tuple of ndarray
             (run, output, coefficient, coefficient) and (run, output, coefficient).
         """
-        return self._relative(*self._over("regression", shapes, data, CHUNK), data)
+        square, inner = self._over("regression", shapes, data, CHUNK)
+        return _relative(square, inner, data.spread)
 
-    def _relative(self, square: np.ndarray, inner: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
-        good = np.isfinite(square).all(axis=(2, 3)) & np.isfinite(inner).all(axis=2) & (np.abs(square).max((2, 3)) < 1e14)
-        with np.errstate(invalid="ignore"):
-            square = np.where(good[:, :, None, None], square / data.spread[:, :, None, None], 0.0)
-            inner = np.where(good[:, :, None], inner / data.spread[:, :, None], 0.0)
-        return square, inner
+
+def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    good = np.isfinite(square).all(axis=(2, 3)) & np.isfinite(inner).all(axis=2) & (np.abs(square).max((2, 3)) < 1e14)
+    with np.errstate(invalid="ignore"):
+        square = np.where(good[:, :, None, None], square / spread[:, :, None, None], 0.0)
+        inner = np.where(good[:, :, None], inner / spread[:, :, None], 0.0)
+    return square, inner
 
 
 def joint_solution(
@@ -354,7 +360,7 @@ def train_free_run(
             best.coefficients, lowest = current, best.history[-1]["judged"]
         if progress is not None:
             progress(step + 1, steps)
-        if gained < 0.01 * loss:
+        if gained < SMALLEST_GAIN * loss:
             break
     return best
 

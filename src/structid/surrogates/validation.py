@@ -52,6 +52,10 @@ class Validation:
         Runs of the model that had failed.
     shown : tuple of int
         The best, the median and the worst run, rows of the runs compared.
+    histories : tuple
+        Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s].
+    clouds : tuple of ndarray
+        Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel).
     """
 
     channels: tuple[str, ...]
@@ -69,11 +73,6 @@ class Validation:
     def overall(self) -> np.ndarray:
         """Mean of the channels' errors, of the runs that did not diverge, shape (run,)."""
         return np.asarray(self.errors.mean(axis=1))
-
-    @property
-    def _finite(self) -> np.ndarray:
-        whole = self.overall
-        return whole[np.isfinite(whole)]
 
     @property
     def mean(self) -> float:
@@ -109,10 +108,7 @@ class Validation:
     @property
     def per_channel(self) -> dict[str, dict[str, float]]:
         """Mean, median, q95 and worst error of each channel."""
-        measures = {
-            "mean": np.mean, "median": np.median, "q95": lambda e: np.quantile(e, 0.95, method="higher"), "worst": np.max,
-        }  # fmt: skip
-        return {c: {k: float(f(e)) for k, f in measures.items()} for c, e in zip(self.channels, self.errors.T, strict=True)}
+        return {c: _measures(e) for c, e in zip(self.channels, self.errors.T, strict=True)}
 
     def summary(self) -> dict[str, float]:
         """Give every figure by name.
@@ -184,6 +180,16 @@ class Validation:
             unit,
             save=save,
         )
+
+
+def _measures(errors: np.ndarray) -> dict[str, float]:
+    q95 = np.quantile(errors, 0.95, method="higher")
+    return {
+        "mean": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "q95": float(q95),
+        "worst": float(errors.max()),
+    }
 
 
 def relative_errors(true: np.ndarray, predicted: np.ndarray) -> np.ndarray:

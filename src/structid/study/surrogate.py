@@ -1,0 +1,112 @@
+"""The surrogate of a study: settings from the file, fitted to the true runs, validated on others, kept in the study's folder."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from structid.errors import InputError
+from structid.models.base import Progress
+from structid.runs import Runs
+from structid.study.schema import SurrogateSection
+from structid.surrogates.base import Surrogate
+from structid.surrogates.kriging import Kriging
+from structid.surrogates.parametric_narx import PCNARX, KrigingNARX
+from structid.surrogates.pce import PCE
+from structid.surrogates.response_space import PODPCE, PODKriging
+from structid.surrogates.storage import load
+
+Settings = PODKriging | PODPCE | PCNARX | KrigingNARX
+
+KINDS: dict[str, Callable[..., Settings]] = {
+    "pod_kriging": PODKriging,
+    "pod_pce": PODPCE,
+    "pc_narx": PCNARX,
+    "kriging_narx": KrigingNARX,
+}
+"""Surrogates a study may name."""
+
+_KRIGING = ("correlation", "separable", "nugget", "estimation")
+_NARX = ("terms", "memories", "training", "selection", "most_terms", "steps", "held_out")
+_OWN = {
+    "pod_kriging": ("left_out_energy", *_KRIGING),
+    "pod_pce": ("left_out_energy", "degree", "hyperbolic_norm", "method"),
+    "pc_narx": (*_NARX, "degree"),
+    "kriging_narx": (*_NARX, "degree", *_KRIGING),
+}
+"""Keys that mean something for a kind, beside those that all have."""
+
+_COMMON = ("kind", "validation", "limit", "outside", "trust")
+
+
+def surrogate_settings(section: SurrogateSection) -> Settings:
+    """Turn a section into the settings of a surrogate.
+
+    Parameters
+    ----------
+    section : SurrogateSection
+        What the file says.
+
+    Returns
+    -------
+    PODKriging, PODPCE, PCNARX or KrigingNARX
+        The settings.
+
+    Raises
+    ------
+    InputError
+        If a key is given that the kind does not know, or a value it does not take.
+    """
+    kind = section.kind
+    given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
+    for key in given:
+        if key not in _OWN[kind]:
+            raise InputError(
+                f"key 'surrogate.{key}'", f"it is given for {kind}", ", ".join(sorted((*_COMMON, *_OWN[kind])))
+            )
+    common = {k: getattr(section, k) for k in ("limit", "outside") if getattr(section, k) is not None}
+    try:
+        return _made(kind, given, common)
+    except InputError as error:
+        raise InputError(f"table 'surrogate': {error.where}", error.came, error.allowed, error.cure) from None
+
+
+def _made(kind: str, given: dict[str, Any], common: dict[str, Any]) -> Settings:
+    kriging = {k: given.pop(k) for k in _KRIGING if k in given}
+    if kind == "pod_kriging":
+        return PODKriging(kriging=Kriging(**kriging), **given, **common)
+    if kind == "pod_pce":
+        energy = {k: given.pop(k) for k in ("left_out_energy",) if k in given}
+        default = PODPCE().pce if not given else PCE()
+        return PODPCE(pce=dataclasses.replace(default, **given), **energy, **common)
+    if kind == "pc_narx":
+        return PCNARX(**given, **common)
+    return KrigingNARX(kriging=dataclasses.replace(KrigingNARX().kriging, **kriging), **given, **common)
+
+
+def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress: Progress | None) -> Surrogate:
+    """Fit the surrogate, or read the one that was fitted before.
+
+    Parameters
+    ----------
+    section : SurrogateSection
+        What the file says.
+    runs : Runs
+        The true runs.
+    path : Path
+        Where it is kept.
+    progress : callable or None
+        Told how far the fit is.
+
+    Returns
+    -------
+    Surrogate
+        Fitted, not yet validated.
+    """
+    surrogate = load(path) if path.is_file() else surrogate_settings(section).fit(runs, progress)
+    surrogate.save(path)
+    if section.trust:
+        surrogate.trust()
+    return surrogate
