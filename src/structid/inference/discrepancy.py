@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,32 @@ from structid.probability.marginals import Marginal, Uniform
 
 class Discrepancy(ABC):
     """A law of ε with parameters of its own, which are inferred with the model's."""
+
+    sees_only_squares: ClassVar[bool] = False
+    """Whether the likelihood depends on a residual through the sum of its squares over time alone."""
+
+    def log_likelihood_of_squares(
+        self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
+    ) -> Any:
+        """Log density of a residual by the sum of its squares, inside JAX; for laws that see only that.
+
+        Parameters
+        ----------
+        squares : jax.Array, shape (channel, run)
+            Sum over time of the squared residual.
+        samples : int
+            How many were summed.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The log-likelihood.
+        """
+        raise NotImplementedError(f"{type(self).__name__} needs the whole residual")
 
     @abstractmethod
     def parameters(self, values: np.ndarray, channels: tuple[str, ...]) -> dict[str, Marginal]:
@@ -140,6 +166,8 @@ class IID(Discrepancy):
     variance: float | Marginal | Mapping[str, float | Marginal] | None = None
     per_channel: bool = True
 
+    sees_only_squares: ClassVar[bool] = True
+
     def __post_init__(self) -> None:
         given = self.variance.values() if isinstance(self.variance, Mapping) else [self.variance]
         for value in given:
@@ -215,11 +243,33 @@ class IID(Discrepancy):
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
+        return self.log_likelihood_of_squares((residual**2).sum(axis=0), residual.shape[0], unknown, channels)
+
+    def log_likelihood_of_squares(
+        self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
+    ) -> Any:
+        """Log density by the sum of squares; see `Discrepancy.log_likelihood_of_squares`.
+
+        Parameters
+        ----------
+        squares : jax.Array, shape (channel, run)
+            Sum over time of the squared residual.
+        samples : int
+            How many were summed.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
+        """
         from structid.device import jnp
 
-        variance = self._variances(unknown, channels, residual.shape[2], jnp)
-        squares = (residual**2).sum(axis=0)
-        return (-0.5 * residual.shape[0] * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
+        variance = self._variances(unknown, channels, squares.shape[1], jnp)
+        return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`.

@@ -420,11 +420,28 @@ class Posterior(Target):
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
         parameters = self.model_parameters(theta)
         for index, (stages, values) in enumerate(data):
+            short = self._by_squares(theta, parameters, index)
+            if short is not None:
+                total, finite = total + short[0], finite & short[1]
+                continue
             response, good = self.model.response(parameters, self.observations[index].record, stages)
             total = total + self._likelihood_given(response, theta, values, index)
             finite = finite & good
         finite = finite & jnp.isfinite(total)
         return total, finite
+
+    def _by_squares(self, theta: Any, parameters: Any, index: int) -> tuple[Any, Any] | None:
+        """Log-likelihood by the sum of squares alone, where discrepancy and instrument ask for no more and the model can."""
+        observation = self.observations[index]
+        if not self.discrepancy.sees_only_squares or observation.nuisances():
+            return None
+        assert isinstance(self.model, JaxModel)
+        found = self.model.squared_misfit(parameters, observation.record, observation.values, observation.channels)
+        if found is None:
+            return None
+        squares, finite = found
+        unknown, samples = self.unknowns(theta, index), len(observation.values)
+        return self.discrepancy.log_likelihood_of_squares(squares, samples, unknown, observation.channels), finite
 
     def _log_density(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
         from structid.device import jnp

@@ -174,7 +174,11 @@ class Surrogate(JaxModel):
             raise InputError(
                 f"{self.fitted.kind}.simulate", came, allowed, "Fit it to more runs there, or allow it (outside=…)."
             )
-        warnings.warn(f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds as at the edge.", StructidWarning, stacklevel=3)
+        warnings.warn(
+            f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds as at the edge.",
+            StructidWarning,
+            stacklevel=3,
+        )
 
     def outside(self, theta: np.ndarray) -> np.ndarray:
         """Say which points lie outside the range of the design.
@@ -362,6 +366,25 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
 def _known_samples(runs: Runs) -> list[np.ndarray]:
     values = runs.values
     return [v[: len(runs.records[r])] for v, r in zip(values, runs.record_of_run, strict=True)]
+
+
+def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
+    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior.
+
+    Parameters
+    ----------
+    design : Design
+        Points.
+
+    Returns
+    -------
+    tuple of ndarray, shape (parameter,)
+        Smallest and largest values that count as inside.
+    """
+    low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
+    margin = 0.01 * (high - low)
+    support = design.space.bounds
+    return np.maximum(low - margin, support[:, 0]), np.minimum(high + margin, support[:, 1])
 
 
 def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:

@@ -14,7 +14,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitting_runs
+from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.pce import PCE, ChaosExpansion
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices
@@ -376,10 +376,9 @@ class _Fitting:
         rows = self.unseen if len(self.unseen) else self.fitted
         predicted = np.asarray(coefficients.predict(self.design.values[rows]))
         errors = self.free_run.errors(predicted, self.data[rows])
-        values = self.design.values
         fit = Fit(
             self.kind, _settings_in_words(self.settings), self.design.space, self.runs.channels, self.excitation, self.dt,
-            values.min(axis=0), values.max(axis=0), len(self.runs), self.left_out, float(errors.mean()),
+            *fitted_range(self.runs.design), len(self.runs), self.left_out, float(errors.mean()),
             self.settings.limit, self.settings.outside, self.watch.seconds,
         )  # fmt: skip
         surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, np.ones(len(self.runs.channels)))

@@ -12,7 +12,7 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress, response_key
 from structid.runs import Runs
-from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitting_runs
+from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.pce import PCE, ChaosExpansion
 
@@ -36,7 +36,7 @@ class PODKriging:
     """
 
     kriging: Kriging = field(default_factory=Kriging)
-    left_out_energy: float = 1e-9
+    left_out_energy: float = 1e-8
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
 
@@ -72,7 +72,7 @@ class PODPCE:
     """
 
     pce: PCE = field(default_factory=lambda: PCE(method="shrinkage"))
-    left_out_energy: float = 1e-9
+    left_out_energy: float = 1e-8
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
 
@@ -167,10 +167,9 @@ def _fit(
         fits[some.records[0].content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
         if progress is not None and len(used) > 1:
             progress(number + 1, len(used))
-    values = done.design.values
     fit = Fit(
         kind, asdict(settings), done.design.space, done.channels, excitation, dt,
-        values.min(axis=0), values.max(axis=0), len(done), left_out,
+        *fitted_range(done.design), len(done), left_out,
         float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds,
     )  # fmt: skip
     return ResponseSpaceSurrogate(fit, fits)
@@ -298,6 +297,48 @@ class ResponseSpaceSurrogate(Surrogate):
         values = jnp.asarray((fit.modes * factors).T) @ scores.T + jnp.asarray(fit.mean * factors)[:, None]
         finite = jnp.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
+
+    def squared_misfit(
+        self, theta: Any, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]
+    ) -> tuple[Any, Any] | None:
+        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            One of the fitted records.
+        values : ndarray, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Its channels.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Sums (channel, run) and whether they are finite (run,).
+        """
+        from structid.device import jnp
+
+        self.check_excitation(excitation)
+        fit = self.records[excitation.content_hash]
+        scores = fit.scores.predict(self.held_inside(theta))
+        shape = (fit.samples, len(fit.scale))
+        sums = []
+        for column, channel in enumerate(channels):
+            place = self.channels.index(channel)
+            modes = fit.modes.reshape(-1, *shape)[:, :, place] * fit.scale[place]
+            residual = values[:, column] - fit.mean.reshape(shape)[:, place] * fit.scale[place]
+            # What no combination of modes reaches is left apart, so that a small misfit keeps its digits.
+            inner = modes @ modes.T
+            nearest = np.linalg.lstsq(inner, modes @ residual, rcond=None)[0]
+            left_over = residual - nearest @ modes
+            gap = scores - nearest
+            sums.append(
+                left_over @ left_over + jnp.einsum("ri,ij,rj->r", gap, inner, gap) - 2 * gap @ (modes @ left_over)
+            )
+        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1)
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.

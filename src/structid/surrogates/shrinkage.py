@@ -30,6 +30,9 @@ MOST_TERMS = 2500
 LARGEST_DEGREE = 60
 """Of one parameter."""
 
+NEGLIGIBLE = 1e-11
+"""Share of the coefficients' energy that may be left out."""
+
 ROUNDS = 3
 """The basis is chosen anew with the decay rates found, so often."""
 
@@ -86,7 +89,25 @@ def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) ->
     coefficients, residuals = evidence.solution(place)
     coefficients[0] += outputs.mean(axis=0)
     error = np.mean(residuals**2, axis=0) / outputs.var(axis=0)
-    return ShrunkFit(basis, coefficients, error, np.exp(place[:dimension]))
+    kept = _worth_keeping(indices, coefficients)
+    return ShrunkFit(basis[kept], coefficients[kept], error, np.exp(place[:dimension]))
+
+
+def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Terms whose absence would show, and with each all that are lower in some parameter; places in order."""
+    energy = np.sum(coefficients**2, axis=1)
+    rising = np.argsort(energy)
+    needed = np.ones(len(energy), dtype=bool)
+    needed[rising[np.cumsum(energy[rising]) < NEGLIGIBLE * energy[1:].sum()]] = False
+    # Lower neighbours of what is needed, from the highest degree down.
+    place = {tuple(index): row for row, index in enumerate(indices)}
+    for row in np.argsort(-indices.sum(axis=1), kind="stable"):
+        if needed[row]:
+            for j in np.flatnonzero(indices[row]):
+                lower = indices[row].copy()
+                lower[j] -= 1
+                needed[place[tuple(lower)]] = True
+    return np.flatnonzero(needed)
 
 
 def weighted_indices(rates: np.ndarray, most: int) -> np.ndarray:

@@ -1,0 +1,251 @@
+"""Polynomial chaos: families are orthonormal, polynomials are recovered, indices are those of closed forms, LOO is what it says."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy.special
+import scipy.stats
+
+import structid as si
+from structid.errors import InputError
+from structid.surrogates.lars import nested_least_squares, orthogonal_order
+from structid.surrogates.polynomials import (
+    OrthonormalFamily,
+    PolynomialBasis,
+    lanczos_recurrence,
+    multi_indices,
+    standard_normal,
+)
+from structid.surrogates.shrinkage import weighted_indices
+
+MARGINALS = {
+    "uniform": (si.Uniform(2.0, 5.0), "Legendre"),
+    "normal": (si.Normal(3.0, 2.0), "Hermite"),
+    "lognormal": (si.LogNormal(mean=2.0, sd=0.5, unit="kN"), "Hermite"),
+    "gamma": (si.Gamma(mean=3.0, sd=1.0, unit="mm"), "Laguerre"),
+    "beta": (si.Beta(mean=0.3, sd=0.1), "Jacobi"),
+    "beta_percent": (si.Beta(a=2.0, b=5.0, unit="%"), "Jacobi"),
+    "weibull": (si.Weibull(mean=3.0, sd=1.0), "numerical"),
+    "gumbel": (si.Gumbel(mean=3.0, sd=1.0), "numerical"),
+    "truncated_normal": (si.Normal(0.0, 1.0, low=-1.0, high=2.5), "numerical"),
+    "truncated_lognormal": (si.LogNormal(mean=2.0, sd=0.5, high=2.5), "numerical"),
+    "frozen": (si.Frozen(scipy.stats.triang(0.5, 2.0, 1.0)), "numerical"),
+}
+
+
+def quantile_rule(marginal, nodes=4000):
+    """Nodes and weights of an integral over a distribution, through its quantile function."""
+    x, w = scipy.special.roots_legendre(nodes)
+    angle = 0.25 * np.pi * (x + 1)
+    return marginal.quantile(np.sin(angle) ** 2), 0.25 * np.pi * w * np.sin(2 * angle)
+
+
+@pytest.mark.parametrize("name", MARGINALS)
+def test_a_family_is_orthonormal_under_its_marginal(name):
+    marginal, kind = MARGINALS[name]
+    family = OrthonormalFamily.of(marginal, 5)
+    assert family.name == kind
+    x, w = quantile_rule(marginal)
+    values = np.array(family.evaluate(x, 5))
+    # Unbounded tails are cut at the last node of the rule; that is what the tolerance is for.
+    np.testing.assert_allclose((values * w) @ values.T, np.eye(6), atol=2e-4 if kind != "Legendre" else 1e-10)
+
+
+def test_lanczos_finds_the_legendre_recurrence_at_high_degree():
+    nodes, weights = scipy.special.roots_legendre(200)
+    a, b = lanczos_recurrence(nodes, weights / 2, 60)
+    n = np.arange(1, 61)
+    np.testing.assert_allclose(a, 0.0, atol=1e-13)
+    np.testing.assert_allclose(b, n / np.sqrt(4 * n**2 - 1), rtol=1e-12)
+
+
+def test_multi_indices_count_and_truncate():
+    assert len(multi_indices(4, 3)) == math.comb(7, 3)
+    low = multi_indices(4, 21, interaction=2)
+    assert len(low) == 1345 and (low > 0).sum(axis=1).max() == 2
+    hyperbolic = multi_indices(4, 15, 0.5)
+    assert len(hyperbolic) == 263
+    assert (np.sum(np.sqrt(hyperbolic), axis=1) ** 2 <= 15 + 1e-9).all()
+    np.testing.assert_array_equal(low[0], 0)
+    with pytest.raises(InputError, match="hyperbolic_norm"):
+        multi_indices(2, 3, 1.5)
+
+
+def test_weighted_indices_are_closed_downwards():
+    indices = weighted_indices(np.array([0.2, 0.7, 1.3]), 300)
+    known = {tuple(i) for i in indices}
+    assert len(known) == 300
+    for index in indices:
+        for j in np.flatnonzero(index):
+            lower = index.copy()
+            lower[j] -= 1
+            assert tuple(lower) in known
+
+
+def test_dependent_parameters_go_through_standard_normal_ones():
+    space = si.ParameterSpace({("a", "b"): 0.7}, a=si.Normal(1.0, 2.0), b=si.Gamma(mean=2.0, sd=1.0))
+    theta = space.sample(200_000, seed=1, method="sobol").values
+    z = standard_normal(space, theta)
+    np.testing.assert_allclose(np.cov(z.T), np.eye(2), atol=0.01)
+    values = PolynomialBasis(space, multi_indices(2, 2)).evaluate(theta)
+    np.testing.assert_allclose(values.T @ values / len(values), np.eye(6), atol=0.03)
+    expansion = si.PCE(degree=2).fit(space.sample(60, seed=2), z[:60, 0] * 0 + theta[:60, 0] ** 2)
+    with pytest.raises(InputError, match="correlated"):
+        expansion.sobol_indices()
+
+
+def polynomial(x):
+    return 3.0 + x[:, 0] - 2 * x[:, 1] ** 2 + x[:, 0] * x[:, 1] * x[:, 2] + 0.5 * x[:, 2] ** 3
+
+
+@pytest.mark.parametrize("method", ["sparse", "lars", "forward", "ols", "shrinkage"])
+def test_a_polynomial_is_recovered(method):
+    space = si.ParameterSpace(a=si.Uniform(-1.0, 2.0), b=si.Normal(0.0, 1.0), c=si.Gamma(mean=2.0, sd=1.0))
+    expansion = si.PCE(degree=3, hyperbolic_norm=1.0, method=method).fit(
+        design := space.sample(80, seed=1), polynomial(design.values)
+    )
+    other = space.sample(500, seed=2).values
+    scale = 1e-9 if method != "shrinkage" else 2e-2
+    assert np.abs(expansion.predict(other)[:, 0] - polynomial(other)).max() < scale * np.abs(polynomial(other)).max()
+    if method in ("sparse", "lars", "forward"):
+        assert expansion.terms[0] <= 20
+
+
+def ishigami(x):
+    return np.sin(x[:, 0]) + 7 * np.sin(x[:, 1]) ** 2 + 0.1 * x[:, 2] ** 4 * np.sin(x[:, 0])
+
+
+def test_sobol_indices_of_ishigami():
+    """Closed forms of Ishigami & Homma 1990, N = 200, to 1e-3."""
+    space = si.ParameterSpace(**{f"x{i}": si.Uniform(-np.pi, np.pi) for i in range(3)})
+    design = space.sample(200, seed=1)
+    expansion = si.PCE().fit(design, ishigami(design.values))
+    b, a = 0.1 * np.pi**4, 7.0
+    parts = {"1": 0.5 * (1 + b / 5) ** 2, "2": a**2 / 8, "13": b**2 * (1 / 18 - 1 / 50)}
+    total = sum(parts.values())
+    np.testing.assert_allclose(expansion.sobol_indices(1)[:, 0], [parts["1"] / total, parts["2"] / total, 0], atol=1e-3)
+    np.testing.assert_allclose(
+        expansion.sobol_indices("total")[:, 0],
+        [(parts["1"] + parts["13"]) / total, parts["2"] / total, parts["13"] / total],
+        atol=1e-3,
+    )
+    np.testing.assert_allclose(expansion.sobol_indices(2)[0, 2, 0], parts["13"] / total, atol=1e-3)
+    np.testing.assert_allclose(expansion.variance, total, rtol=1e-3)
+    np.testing.assert_allclose(expansion.mean, a / 2, rtol=1e-3)
+
+
+def test_sobol_g_function():
+    """g = Π (|4x − 2| + a)/(1 + a): first-order indices from the closed form, kinks and all."""
+    a = np.array([1.0, 2.0, 5.0, 10.0])
+    space = si.ParameterSpace(**{f"x{i}": si.Uniform(0.0, 1.0) for i in range(4)})
+    design = space.sample(500, seed=1)
+    values = np.prod((np.abs(4 * design.values - 2) + a) / (1 + a), axis=1)
+    expansion = si.PCE(degree=range(2, 13), interaction=2).fit(design, values)
+    first = 1 / (3 * (1 + a) ** 2)
+    np.testing.assert_allclose(expansion.sobol_indices(1)[:, 0], first / (np.prod(1 + first) - 1), atol=0.02)
+
+
+def test_borehole_validation_error():
+    """N = 300, degree at most 4: error 1e-5 or less on 10⁴ points."""
+    low = np.array([0.05, 100.0, 63070.0, 990.0, 63.1, 700.0, 1120.0, 9855.0])
+    high = np.array([0.15, 50000.0, 115600.0, 1110.0, 116.0, 820.0, 1680.0, 12045.0])
+    space = si.ParameterSpace(**{f"x{i}": si.Uniform(a, b) for i, (a, b) in enumerate(zip(low, high, strict=True))})
+
+    def borehole(x):
+        rw, r, tu, hu, tl, hl, length, kw = x.T
+        ratio = np.log(r / rw)
+        return 2 * np.pi * tu * (hu - hl) / (ratio * (1 + 2 * length * tu / (ratio * rw**2 * kw) + tu / tl))
+
+    design, other = space.sample(300, seed=1), space.sample(10_000, seed=2, method="random").values
+    expansion = si.PCE(degree=(2, 3, 4), hyperbolic_norm=1.0).fit(design, borehole(design.values))
+    error = np.mean((expansion.predict(other)[:, 0] - borehole(other)) ** 2) / borehole(other).var()
+    print(f"borehole: validation error {error:.1e}, leave-one-out {expansion.leave_one_out_error[0]:.1e}")
+    assert error < 1e-5
+
+
+def test_nested_leave_one_out_is_that_of_refitting():
+    rng = np.random.default_rng(1)
+    columns, response = rng.normal(size=(30, 6)), rng.normal(size=30)
+    fits = nested_least_squares(columns, response)
+    for size in (1, 3, 6):
+        some = columns[:, :size]
+        left_out = []
+        for i in range(30):
+            keep = np.arange(30) != i
+            found = np.linalg.lstsq(some[keep], response[keep], rcond=None)[0]
+            left_out.append(response[i] - some[i] @ found)
+        np.testing.assert_allclose(fits.leave_one_out[size - 1], np.mean(np.square(left_out)), rtol=1e-10)
+        trace = np.trace(np.linalg.inv(some.T @ some))
+        np.testing.assert_allclose(fits.correction[size - 1], 30 / (30 - size) * (1 + trace), rtol=1e-10)
+
+
+def test_orthogonal_order_takes_what_lowers_the_residual_most():
+    rng = np.random.default_rng(2)
+    columns = rng.normal(size=(200, 12))
+    response = 5 * columns[:, 7] + 2 * columns[:, 3] + 0.1 * rng.normal(size=200)
+    order = orthogonal_order(columns.T @ columns, columns.T @ response, 4)
+    residuals = []
+    for size in (1, 2):
+        best = [
+            np.sum((response - c @ np.linalg.lstsq(c, response, rcond=None)[0]) ** 2)
+            for j in range(12)
+            for c in [columns[:, [*order[: size - 1], j]]]
+        ]
+        residuals.append(int(np.argmin(best)))
+    assert list(order[:2]) == [7, 3] == residuals
+
+
+def test_moments_of_a_shrunk_expansion_are_those_of_its_polynomial():
+    space = si.ParameterSpace(a=si.Normal(1.0, 0.5), b=si.Uniform(0.0, 2.0))
+    design = space.sample(150, seed=1, widen=1.3)
+    values = np.sin(design.values[:, 0]) * np.exp(0.3 * design.values[:, 1])
+    expansion = si.PCE(method="shrinkage").fit(design, values)
+    many = expansion.predict(space.sample(2**16, seed=3, method="sobol").values)
+    np.testing.assert_allclose(expansion.mean, many.mean(axis=0), rtol=2e-3)
+    np.testing.assert_allclose(expansion.variance, many.var(axis=0), rtol=2e-2)
+
+
+def test_bootstrap_spreads_as_theory_says():
+    """Noise of known size: the bootstrap's standard deviation is σ/√N for orthonormal terms."""
+    space = si.ParameterSpace(a=si.Uniform(-1.0, 1.0))
+    design = space.sample(400, seed=1)
+    rng = np.random.default_rng(3)
+    expansion = si.PCE(degree=2, method="ols").fit(design, design.values[:, 0] + 0.1 * rng.normal(size=400))
+    spread = expansion.bootstrap(200, seed=1).std(axis=0)[:, 0]
+    np.testing.assert_allclose(spread, 0.1 / 20, rtol=0.3)
+
+
+def test_predict_in_jax_and_its_gradient():
+    import jax
+
+    from structid.device import jnp
+
+    space = si.ParameterSpace(a=si.Normal(1.0, 0.5), b=si.LogNormal(mean=1.0, sd=0.2))
+    design = space.sample(60, seed=1)
+    expansion = si.PCE(degree=4).fit(design, np.sin(design.values).sum(axis=1))
+    point = design.values[:3]
+    np.testing.assert_allclose(expansion.predict(jnp.asarray(point)), expansion.predict(point), rtol=1e-12)
+    slope = jax.grad(lambda t: expansion.predict(t[None])[0, 0])(jnp.asarray(point[0]))
+    step = 1e-6
+    for j in range(2):
+        moved = point[0] + step * np.eye(2)[j]
+        back = point[0] - step * np.eye(2)[j]
+        difference = (expansion.predict(moved[None]) - expansion.predict(back[None]))[0, 0] / (2 * step)
+        np.testing.assert_allclose(slope[j], difference, rtol=1e-6)
+
+
+def test_what_a_fit_refuses():
+    space = si.ParameterSpace(a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
+    design = space.sample(20, seed=1)
+    values = design.values.sum(axis=1)
+    with pytest.raises(InputError, match="a Design"):
+        si.PCE().fit(design.values, values)
+    with pytest.raises(InputError, match="which is 3 in every run"):
+        si.PCE().fit(design, np.full(20, 3.0))
+    with pytest.raises(InputError, match="not finite, the first of them row 4"):
+        si.PCE().fit(design, np.where(np.arange(20) == 4, np.nan, values))
+    with pytest.raises(InputError, match=r"20 runs for a basis of 66 terms.*67 runs or more"):
+        si.PCE(degree=10, hyperbolic_norm=1.0, method="ols").fit(design, values)
+    with pytest.raises(InputError, match="method"):
+        si.PCE(method="magic")
