@@ -50,6 +50,7 @@ _PUBLIC = {
     "StructidWarning": "errors",
     "Term": "surrogates.terms",
     "Memory": "surrogates.terms",
+    "load_surrogate": "surrogates.storage",
     "open_runs": "campaign.store",
     "sample": "inference.sampling",
 }

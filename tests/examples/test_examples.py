@@ -15,6 +15,7 @@ from structid.study.run import load, run_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TESTED = {
+    "narx_benchmark.py",  # in tests/statistical
     "bouc_wen_benchmark.py",  # in tests/statistical
     "calibrate_in_python.py",
     "cyclic_test.py",

@@ -10,7 +10,7 @@ import structid as si
 from structid.errors import InputError, Status, StructidWarning
 from structid.models.base import Model
 from structid.runs import InMemory
-from structid.surrogates.storage import load
+from structid.surrogates.storage import load_surrogate
 from structid.surrogates.validation import relative_errors
 
 KINDS = {
@@ -128,7 +128,7 @@ def test_gradients_go_through_it(surrogate, record, space):
 
 def test_it_is_saved_and_read_to_the_same_bits(surrogate, unseen, space, record, tmp_path):
     surrogate.validate(unseen)
-    again = load(surrogate.save(tmp_path / "surrogate.h5"))
+    again = load_surrogate(surrogate.save(tmp_path / "surrogate.h5"))
     design = space.sample(9, seed=4)
     np.testing.assert_array_equal(surrogate.simulate(design, record).values, again.simulate(design, record).values)
     assert again.content_hash == surrogate.content_hash and str(again) == str(surrogate)
@@ -139,10 +139,10 @@ def test_it_is_saved_and_read_to_the_same_bits(surrogate, unseen, space, record,
 
 def test_what_is_no_surrogate_is_not_read(tmp_path):
     with pytest.raises(InputError, match="no such file"):
-        load(tmp_path / "none.h5")
+        load_surrogate(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("hello")
     with pytest.raises(InputError, match="not HDF5"):
-        load(tmp_path / "text.h5")
+        load_surrogate(tmp_path / "text.h5")
 
 
 def test_outside_the_range_it_says_so_and_stays_at_the_edge(surrogate, record):

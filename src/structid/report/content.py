@@ -19,7 +19,7 @@ from structid.inference.identifiability import Identifiability, identifiability
 from structid.inference.posterior import Posterior
 from structid.inference.predictive import Prediction, predict
 from structid.inference.result import SamplingResult
-from structid.models.base import JaxModel
+from structid.models.base import JaxModel, Model
 from structid.models.bouc_wen import BoucWen
 from structid.models.shear_frame import ShearFrame
 from structid.optimize import OptimizeResult
@@ -87,8 +87,10 @@ class ReportContent:
         Predictions for other records.
     runs : Runs or None
         The study's campaign.
+    model : Model
+        The model itself.
     surrogate : Surrogate or None
-        What was sampled in the place of the model.
+        What was sampled in its place.
     figures : list of tuple of str
         Section, file name and caption of every figure drawn so far.
     """
@@ -107,6 +109,7 @@ class ReportContent:
     search_loops: dict[str, np.ndarray]
     information: Identifiability | None
     others: tuple[OtherRecord, ...]
+    model: Model
     runs: Runs | None = None
     surrogate: Surrogate | None = None
     figures: list[tuple[str, str, str]] = field(default_factory=list)
@@ -193,6 +196,7 @@ class ReportContent:
             },
             information=identifiability(posterior, best) if isinstance(posterior.model, JaxModel) else None,
             others=others,
+            model=true_posterior.model,
             runs=runs,
             surrogate=posterior.model if isinstance(posterior.model, Surrogate) else None,
         )

@@ -160,13 +160,11 @@ def _embedded(path: Path) -> str:
 def _sentence(content: ReportContent) -> str:
     """Say in one sentence what was done."""
     posterior = content.posterior
-    model = content.surrogate.fitted.kind + " of a model" if content.surrogate is not None else ""
-    kind = model or {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(
-        type(posterior.model).__name__, "model"
-    )
+    kind = {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(type(content.model).__name__, "model")
+    through = f", through a {content.surrogate.fitted.kind} surrogate," if content.surrogate is not None else ""
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (
-        f"{len(posterior.model_space.names)} parameters of a {kind} calibrated against the measured "
+        f"{len(posterior.model_space.names)} parameters of a {kind}{through} calibrated against the measured "
         f"{channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
     )

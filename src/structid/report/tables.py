@@ -286,6 +286,12 @@ def others_table(content: ReportContent) -> Table | None:
     return (["record", "largest", "5 %", "median", "95 %"], rows) if rows else None
 
 
+def _in_words(setting: Any) -> str:
+    if isinstance(setting, dict):
+        return ", ".join(f"{pretty(k)} {_in_words(v)}" for k, v in setting.items() if v is not None)
+    return ", ".join(map(str, setting)) if isinstance(setting, (list, tuple)) else str(setting)
+
+
 def validation_table(surrogate: Surrogate) -> Table:
     """Errors of a surrogate over the runs it was validated on, a row a channel.
 
@@ -307,7 +313,7 @@ def validation_table(surrogate: Surrogate) -> Table:
             pretty(channel),
             *(f"{errors[k]:.2g}" for k in ("mean", "median", "q95", "worst")),
             f"{validation.diverged} of {len(validation.errors)}",
-            f"{validation.peak_error:.2g}",
+            f"{validation.peak_error:.2%}",
             f"{validation.coverage:.1%}",
         ]
         for channel, errors in validation.per_channel.items()
@@ -342,9 +348,6 @@ def surrogate_table(surrogate: Surrogate) -> Table:
                 f"{surrogate.validation.outside} of {len(surrogate.validation.errors)}",
             ]
         )
-    rows += [
-        [f"setting: {k}", str(v)]
-        for k, v in fit.settings.items()
-        if k not in ("limit", "outside") and v not in (None, [])
-    ]
+    shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
+    rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]
     return ["", ""], rows

@@ -32,7 +32,7 @@ from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
 from structid.study.surrogate import fitted_surrogate
 from structid.surrogates.base import Surrogate
-from structid.surrogates.storage import load as load_surrogate
+from structid.surrogates.storage import load_surrogate
 
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""

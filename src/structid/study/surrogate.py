@@ -16,7 +16,7 @@ from structid.surrogates.kriging import Kriging
 from structid.surrogates.parametric_narx import PCNARX, KrigingNARX
 from structid.surrogates.pce import PCE
 from structid.surrogates.response_space import PODPCE, PODKriging
-from structid.surrogates.storage import load
+from structid.surrogates.storage import load_surrogate
 
 Settings = PODKriging | PODPCE | PCNARX | KrigingNARX
 
@@ -105,7 +105,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress
     Surrogate
         Fitted, not yet validated.
     """
-    surrogate = load(path) if path.is_file() else surrogate_settings(section).fit(runs, progress)
+    surrogate = load_surrogate(path) if path.is_file() else surrogate_settings(section).fit(runs, progress)
     surrogate.save(path)
     if section.trust:
         surrogate.trust()

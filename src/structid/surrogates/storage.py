@@ -56,7 +56,7 @@ def save(surrogate: Surrogate, path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def load(path: str | os.PathLike[str]) -> Surrogate:
+def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     """Read a surrogate that `Surrogate.save` wrote.
 
     Parameters
