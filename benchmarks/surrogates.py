@@ -301,8 +301,8 @@ def section(accurate: Any, evaluated: Any, more: Any, scalar: Any, growth: Any) 
 `benchmarks/surrogates.py`. {common.machine("scikit-learn")}.
 
 Prior and model of the `bouc_wen` study, the stochastic record of `shared/peers` at PGA {PGA} m/s², {DESIGN_RUNS} runs in the
-design, {VALIDATION_RUNS:,} independent ones to validate, drawn from the prior. Error ε = Σ(y − ŷ)²/Σ(y − ȳ)² of a free run; the published
-figures were 9.66e-3 (PC-NARX) and 9.00e-3 (Kriging-NARX) in the mean, on a milder problem.
+design, {VALIDATION_RUNS:,} independent ones to validate, drawn from the prior. Error ε = Σ(y − ŷ)²/Σ(y − ȳ)² of a free run;
+published were 9.66e-3 (PC-NARX) and 9.00e-3 (Kriging-NARX) in the mean, on a milder problem.
 
 {common.markdown_table(heads, accurate)}
 

@@ -1,9 +1,9 @@
 """A NARX of the Bouc-Wen benchmark: identified from noisy measurements alone, then free-run on the official test.
 
 The benchmark (Noël & Schoukens 2016) gives force and displacement of a hysteretic oscillator at 750 Hz: four noisy periods of a
-multisine to identify from, a noise-free period of another realisation to be tested on. No physics is put in but the kind of memory: a
-NARX whose terms know a hysteresis of its own output, trained on its free-run error (`si.NARX`), beside ones with absolute and with
-polynomial terms alone. Noise in the measured outputs biases a one-step regression; the free run does not see it.
+multisine to identify from, a noise-free period of another realisation to be tested on. No physics is put in but the kind of memory:
+a NARX whose terms know a hysteresis of its own output, trained on its free-run error (`si.NARX`), beside ones with absolute and
+with polynomial terms alone. Noise in the measured outputs biases a one-step regression; the free run does not see it.
 
 Published test errors: polynomial state-space 1.34e-5 m, best black box 7.5e-6 m, the true equations 2.4e-7 m.
 

@@ -6,6 +6,7 @@ import json
 import shutil
 import time
 import tomllib
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ import numpy as np
 from structid.campaign.executors import mapping, open_pool
 from structid.campaign.runner import Campaign
 from structid.campaign.store import open_runs
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
 from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult
 from structid.inference.sampling import sample
@@ -266,7 +267,9 @@ def _work(
     # Only an external model's runs are spread: a built-in one runs in batches.
     with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
         study = replace(study, posterior=study.posterior.spread(spread))
-        return _calibration(study, folder, stage, timings, runs, surrogate)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            return _calibration(study, folder, stage, timings, runs, surrogate)
 
 
 def _runs_report(

@@ -1,0 +1,96 @@
+"""A study on a surrogate: any of them by one word, kept and read back, refused where it is not good enough."""
+
+import json
+
+import numpy as np
+import pytest
+
+from structid import cli
+from structid.errors import InputError
+from structid.study.run import load, report_again, run_study
+from structid.study.schema import SurrogateSection
+from structid.study.surrogate import KINDS, surrogate_settings
+
+STUDY = (
+    cli.template("bouc_wen")
+    .replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "8 s"]', 1)
+    .replace("steps = 3000", "steps = 30\nstart_candidates = 1\nsettling_steps = 0")
+    .replace('methods = ["pattern_search", "interior_point"]\nstarts = 8', "methods = []")
+    .replace("[discrepancy]", "[campaign]\nruns = 80\n\n[discrepancy]")
+)
+
+
+def words(kind, more=""):
+    return STUDY.replace('kind = "none"', f'kind = "{kind}"\nvalidation = 20\nlimit = 0.5\n{more}')
+
+
+def written(folder, text, name="study.toml"):
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def test_the_packaged_study_names_every_kind():
+    assert 'kind = "none"' in STUDY and all(kind in STUDY for kind in KINDS)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_study_runs_with_each_of_them_by_one_word(kind, tmp_path):
+    more = "degree = 2\nsteps = 4\n" if "narx" in kind else ""
+    study = written(tmp_path, words(kind, more))
+    outcome = run_study(study, tmp_path / "out")
+    assert outcome.surrogate.validation is not None and len(outcome.surrogate.validation.errors) == 20
+    assert outcome.result.target.model is outcome.surrogate
+    page = outcome.report.read_text()
+    assert 'id="surrogate"' in page and "Validation" in page and "surrogate_velocity" in page
+    assert len(outcome.runs) == 80 and (tmp_path / "out" / "validation.h5").is_file()
+    timings = json.loads((tmp_path / "out" / "timings.json").read_text())
+    assert {"true runs", "fitting the surrogate", "sampling"} <= set(timings)
+    # Everything is read back: nothing is fitted or drawn again.
+    again = run_study(study, tmp_path / "out", resume=True)
+    np.testing.assert_array_equal(again.result.history, outcome.result.history)
+    assert again.surrogate.content_hash == outcome.surrogate.content_hash
+    assert report_again(tmp_path / "out").report.read_text().count("<figure>") == page.count("<figure>")
+
+
+def test_runs_and_a_surrogate_of_them_without_a_measurement(tmp_path):
+    text = words("pod_kriging")
+    study = written(
+        tmp_path, text[: text.index("[observation]")] + text[text.index("[surrogate]") : text.index("[discrepancy]")]
+    )
+    outcome = run_study(study, tmp_path / "out")
+    assert outcome.result is None and outcome.surrogate.validation.mean < 0.5
+    assert "surrogate_velocity" in outcome.report.read_text()
+
+
+def test_a_surrogate_past_its_limit_is_not_sampled(tmp_path):
+    study = written(tmp_path, words("pod_pce").replace("limit = 0.5", "limit = 1e-9"))
+    with pytest.raises(InputError, match=r"PODPCE in a posterior: a mean relative error of .*trust\(\)"):
+        run_study(study, tmp_path / "out")
+    assert not (tmp_path / "out" / "chains.h5").exists()
+    trusted = written(tmp_path, words("pod_pce", "trust = true").replace("limit = 0.5", "limit = 1e-9"))
+    # The true runs and the fit are the same: they are kept.
+    assert run_study(trusted, tmp_path / "out", resume=True).result is not None
+
+
+@pytest.mark.parametrize(
+    ("more", "words_of_the_error"),
+    [
+        ("terms = ['y(t-1)']", "key 'surrogate.terms': it is given for pod_kriging.*left_out_energy"),
+        ("correlation = 'cubic'", "surrogate.correlation.*'cubic'.*matern52"),
+        ("nugget = -1.0", "surrogate.*nugget"),
+        ("degre = 3", "unknown key.*'degree'"),
+    ],
+)
+def test_a_mistake_in_the_table(more, words_of_the_error, tmp_path):
+    with pytest.raises(InputError, match=words_of_the_error):
+        load(written(tmp_path, words("pod_kriging", more)))
+
+
+def test_settings_reach_the_surrogate():
+    settings = surrogate_settings(
+        SurrogateSection(kind="kriging_narx", degree=2, correlation="matern32", terms=("x(t)", "y(t-1)"))
+    )
+    assert settings.degree == 2 and settings.kriging.correlation == "matern32" and settings.terms == ("x(t)", "y(t-1)")
+    assert settings.kriging.nugget == "estimate"
+    assert surrogate_settings(SurrogateSection(kind="pod_pce", degree=4)).pce.method == "sparse"
+    assert surrogate_settings(SurrogateSection(kind="pod_pce")).pce.method == "shrinkage"
