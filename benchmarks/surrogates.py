@@ -20,7 +20,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.surrogates.parametric_narx import _Fitting
+from structid.surrogates.parametric_narx import _Fitting, refined_coefficients
 from structid.surrogates.terms import absolute_terms
 
 NAME = "surrogates"
@@ -106,7 +106,8 @@ def further() -> list[list[str]]:
     runs = si.Campaign(model, record(), space.sample(DESIGN_RUNS, 1)).run()
     fitting = _Fitting(si.KrigingNARX(), runs, None)
     joint = np.asarray(fitting._joint().predict(runs.design.values[fitting.fitted]))
-    own = fitting.free_run.errors(fitting._refined(joint, 2), fitting.data[fitting.fitted])
+    data = fitting.data[fitting.fitted]
+    own = fitting.free_run.errors(refined_coefficients(fitting.free_run, joint, data, 2), data)
     rows = [
         ["NARX, coefficients of each experiment, mean over the design", f"{own.mean():.1e}", "5e-4 (1e-4) [7.74e-3]"]
     ]

@@ -37,6 +37,7 @@ DT = 0.01
         ("|y(t-1) - y(t-2)|", 8.0),
         ("x(t)*exp(2*t)*cos(2*pi*t + 0.5)", np.exp(1.0) * np.cos(np.pi + 0.5)),
         ("1", 1.0),
+        ("exp(t)*x(t)", np.exp(0.5)),
     ],
 )
 def test_a_term_says_what_it_means(text, value):
@@ -250,3 +251,11 @@ def test_narx_of_one_measured_system():
 def test_memories_are_named_once():
     with pytest.raises(InputError, match="that of a function"):
         Memory("exp", "integral", "y")
+
+
+@pytest.mark.parametrize(
+    "wrong", [dict(terms=("sinh(x(t))",)), dict(memories=("z is y",)), dict(steps=-3), dict(degree=(1, 2))]
+)
+def test_settings_are_checked_before_any_run(wrong):
+    with pytest.raises(InputError):
+        si.PCNARX(**wrong)

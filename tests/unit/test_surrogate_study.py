@@ -68,8 +68,11 @@ def test_a_surrogate_past_its_limit_is_not_sampled(tmp_path):
         run_study(study, tmp_path / "out")
     assert not (tmp_path / "out" / "chains.h5").exists()
     trusted = written(tmp_path, words("pod_pce", "trust = true").replace("limit = 0.5", "limit = 1e-9"))
-    # The true runs and the fit are the same: they are kept.
+    # Its validation can be looked at, and true runs and fit are kept for those who trust it, or raise the limit.
+    assert "surrogate_velocity" in (tmp_path / "out" / "report.html").read_text()
     assert run_study(trusted, tmp_path / "out", resume=True).result is not None
+    raised = written(tmp_path, words("pod_pce"), "raised.toml")
+    assert run_study(raised, tmp_path / "out", resume=True).surrogate.fitted.limit == 0.5
 
 
 @pytest.mark.parametrize(

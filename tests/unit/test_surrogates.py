@@ -159,6 +159,18 @@ def test_outside_the_range_it_says_so_and_stays_at_the_edge(surrogate, record):
         strict.simulate(beyond, record)
 
 
+def test_refused_points_have_no_density_and_do_not_stop_a_validation(surrogate, space, record, unseen):
+    plain, arrays = surrogate.to_plain()
+    narrow = dataclasses.replace(surrogate.fitted, outside="refuse", high=np.array([7.4e6, 0.9]))
+    strict = type(surrogate).from_plain(narrow, plain, arrays)
+    assert strict.content_hash != surrogate.content_hash
+    assert strict.validate(unseen).outside > 0
+    strict.trust()  # much of the validation lies outside
+    posterior = si.Posterior(space, strict, si.Observation(record, unseen.values[0, :, 0]))
+    density = posterior.log_density(np.array([[7.3e6, 0.2, 1e-3], [7.5e6, 0.2, 1e-3]]))
+    assert np.isfinite(density[0]) and density[1] == -np.inf
+
+
 def test_another_record(surrogate, model, space, record, other_record):
     design = space.sample(5, seed=5)
     if type(surrogate).__name__ == "ResponseSpaceSurrogate":
@@ -212,6 +224,8 @@ def test_the_thesis_way_by_one_word(runs, unseen):
 
     surrogate = si.PCNARX(terms=absolute_terms(), training="per-experiment", selection="lars").fit(runs)
     validation = surrogate.validate(unseen)
+    other = si.KrigingNARX(training="per-experiment").fit(runs).validate(unseen)
+    assert np.isfinite(other.median)
     joint = si.PCNARX(terms=absolute_terms(), degree=2, steps=8).fit(runs).validate(unseen)
     print(f"per experiment: median {validation.median:.1e}; joint: {joint.median:.1e}")
     assert joint.median < validation.median
@@ -239,6 +253,22 @@ def test_several_records_and_channels(space, record, other_record):
 def test_a_validation_figure(fitted, unseen, tmp_path):
     fitted["PCNARX"].validate(unseen).plot(save=tmp_path / "validation")
     assert (tmp_path / "validation.png").stat().st_size > 20_000 and (tmp_path / "validation.pdf").is_file()
+
+
+def test_a_record_that_is_there_twice_is_one(runs, record):
+    twice = dataclasses.replace(
+        runs, records=(record, dataclasses.replace(record, name="again")), record_of_run=np.arange(len(runs)) % 2
+    )
+    surrogate = si.PODKriging().fit(twice)
+    assert len(surrogate.records) == 1
+    np.testing.assert_allclose(
+        surrogate.simulate(runs.design[:3], record).values, runs.values[:3], atol=1e-4 * np.abs(runs.values).max()
+    )
+
+
+def test_a_figure_of_coefficients(fitted, unseen, tmp_path):
+    fitted["PCNARX"].plot_coefficients(unseen, save=tmp_path / "coefficients")
+    assert (tmp_path / "coefficients.png").stat().st_size > 20_000
 
 
 def test_progress_is_told(runs):

@@ -27,6 +27,7 @@ def validation(
     errors: np.ndarray,
     channel: str,
     unit: str,
+    integrated: tuple[np.ndarray, np.ndarray] | None = None,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Draw best, median and worst history, peaks, samples, and the distribution of the errors.
@@ -47,6 +48,8 @@ def validation(
         Relative errors of all runs; infinite where the surrogate diverged.
     channel, unit : str
         What is drawn.
+    integrated : tuple of ndarray, shape (time,), optional
+        Displacements of model and surrogate by integration of the worst run's velocity [mm].
     save : path-like, optional
         File name without ending.
 
@@ -57,8 +60,9 @@ def validation(
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(WIDTH, 7.6), layout="constrained")
-    grid = figure.add_gridspec(4, 3, height_ratios=(1.0, 1.0, 1.0, 1.9))
+    histories = 3 if integrated is None else 4
+    figure = Figure(figsize=(WIDTH, 4.0 + 1.2 * histories), layout="constrained")
+    grid = figure.add_gridspec(histories + 1, 3, height_ratios=(*(1.0,) * histories, 1.9))
     first = None
     for row, name in enumerate(("best", "median", "worst")):
         axis = figure.add_subplot(grid[row, :], sharex=first)
@@ -66,14 +70,20 @@ def validation(
         axis.plot(time, true[row], color=MEASURED, lw=1.1, label="model")
         axis.plot(time, predicted[row], color=MODEL, lw=0.9, ls=(0, (4, 2)), label="surrogate")
         axis.set_title(f"{name}: ε = {shown_errors[row]:.1e}", loc="left")
-        name_axes(axis, ("", "") if row < 2 else ("time", "s"), (pretty(channel), pretty_unit(unit)))
-        axis.tick_params(labelbottom=row == 2)
+        name_axes(axis, ("time", "s") if row == histories - 1 else ("", ""), (pretty(channel), pretty_unit(unit)))
+        axis.tick_params(labelbottom=row == histories - 1)
     assert first is not None
+    if integrated is not None:
+        axis = figure.add_subplot(grid[3, :], sharex=first)
+        axis.plot(time, integrated[0], color=MEASURED, lw=1.1)
+        axis.plot(time, integrated[1], color=MODEL, lw=0.9, ls=(0, (4, 2)))
+        axis.set_title("worst, integrated", loc="left")
+        name_axes(axis, ("time", "s"), ("displacement", "mm"))
     first.legend(loc="upper right", ncols=2)
     unit = pretty_unit(unit)
-    _scatter(figure.add_subplot(grid[3, 0]), peaks, predicted_peaks, f"peak |{pretty(channel)}|", unit)
-    _scatter(figure.add_subplot(grid[3, 1]), samples, predicted_samples, pretty(channel), unit)
-    _distribution(figure.add_subplot(grid[3, 2]), errors)
+    _scatter(figure.add_subplot(grid[histories, 0]), peaks, predicted_peaks, f"peak |{pretty(channel)}|", unit)
+    _scatter(figure.add_subplot(grid[histories, 1]), samples, predicted_samples, pretty(channel), unit)
+    _distribution(figure.add_subplot(grid[histories, 2]), errors)
     return finish(figure, save=save)
 
 
@@ -105,19 +115,16 @@ def _distribution(axis: Axes, errors: np.ndarray) -> None:
 
 @styled
 def coefficients(
-    trained: np.ndarray,
-    predicted: dict[str, np.ndarray],
-    names: tuple[str, ...],
-    save: str | os.PathLike[str] | None = None,
+    own: np.ndarray, predicted: np.ndarray, names: tuple[str, ...], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw coefficients that interpolations predict against those they were fitted to.
+    """Draw coefficients that a surrogate predicts against those that runs have by themselves.
 
     Parameters
     ----------
-    trained : ndarray, shape (run, coefficient)
-        Coefficients of the experiments.
-    predicted : dict of str to ndarray, shape (run, coefficient)
-        What each interpolation says there.
+    own : ndarray, shape (run, coefficient)
+        Coefficients of the runs.
+    predicted : ndarray, shape (run, coefficient)
+        What the surrogate says.
     names : tuple of str
         What the coefficients belong to.
     save : path-like, optional
@@ -130,17 +137,16 @@ def coefficients(
     """
     from matplotlib.figure import Figure
 
-    columns = 5
+    columns = 4
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(WIDTH, 1.7 * rows), layout="constrained")
+    figure = Figure(figsize=(WIDTH, 1.75 * rows), layout="constrained")
     for place, name in enumerate(names):
         axis = figure.add_subplot(rows, columns, place + 1)
-        low, high = float(trained[:, place].min()), float(trained[:, place].max())
+        low, high = float(own[:, place].min()), float(own[:, place].max())
         axis.plot([low, high], [low, high], color=MUTED, lw=0.8)
-        for (label, values), colour in zip(predicted.items(), (ACCENT, MODEL), strict=False):
-            axis.scatter(trained[:, place], values[:, place], s=2.5, color=colour, alpha=0.4, lw=0, label=label)
+        axis.scatter(own[:, place], predicted[:, place], s=3.0, color=ACCENT, alpha=0.5, lw=0, rasterized=True)
         axis.set_title(name, fontsize=7.5, loc="left")
         axis.tick_params(labelsize=6.5)
-        if place == 0 and len(predicted) > 1:
-            axis.legend(fontsize=6.5, markerscale=3)
+    figure.supxlabel("of the run itself", fontsize=9)
+    figure.supylabel("predicted from its parameters", fontsize=9)
     return finish(figure, save=save)

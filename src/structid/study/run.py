@@ -45,6 +45,7 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
 _STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
 _CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
+_VALIDATION_STREAM = 0x76616C
 
 
 @contextmanager
@@ -294,7 +295,9 @@ def _surrogate(
         surrogate = fitted_surrogate(section, runs, folder / _SURROGATE, progress)
     if surrogate.validation is None:
         count = section.validation * (len(study.campaign_records) if section.kind.startswith("pod") else 1)
-        design = study.space.sample(count, study.file.seed, "random")
+        # A stream of its own: the design may be a random one of the same seed.
+        seed = int(np.random.SeedSequence([study.file.seed, _VALIDATION_STREAM]).generate_state(1)[0])
+        design = study.space.sample(count, seed, "random")
         campaign = Campaign(study.model, study.campaign_records, design, folder / _VALIDATION, assignment="cycle")
         with stage("true runs to validate it") as progress, timings.measured("true runs to validate it", goes_on=True):
             unseen = campaign.run(executor, progress=progress)
@@ -321,7 +324,12 @@ def _calibration(
 ) -> Outcome:
     true_posterior = study.sampled
     if surrogate is not None:
-        study = replace(study, posterior=true_posterior.on(surrogate))
+        try:
+            study = replace(study, posterior=true_posterior.on(surrogate))
+        except InputError:
+            assert runs is not None
+            _runs_report(runs, study.file, folder, timings, surrogate)  # so that its validation can be looked at
+            raise
     searches = _deterministic(study, folder, stage, timings)
     with stage("sampling") as progress, timings.measured("sampling"):
         result = sample(study.sampled, study.sampler, study.file.seed, folder / _CHAINS, progress=progress)

@@ -105,7 +105,12 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress
     Surrogate
         Fitted, not yet validated.
     """
-    surrogate = load_surrogate(path) if path.is_file() else surrogate_settings(section).fit(runs, progress)
+    settings = surrogate_settings(section)
+    surrogate = load_surrogate(path) if path.is_file() else None
+    # Runs that have been done again since, and have succeeded now, are worth another fit.
+    if surrogate is None or surrogate.fitted.runs != int(runs.done.sum()):
+        surrogate = settings.fit(runs, progress)
+    surrogate.fitted = dataclasses.replace(surrogate.fitted, limit=settings.limit)
     surrogate.save(path)
     if section.trust:
         surrogate.trust()

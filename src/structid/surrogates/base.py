@@ -45,9 +45,9 @@ class Fit:
     low, high : ndarray, shape (parameter,)
         The range of the design.
     runs, left_out : int
-        Runs it was fitted to, and those that had failed.
+        Runs it was fitted to, those held out among them, and those that had failed.
     error : float
-        Mean relative error estimated while fitting, by leaving runs out.
+        Mean relative error estimated while fitting: by leaving runs out, or over the runs held out.
     limit : float
         Largest mean error with which it may stand in a posterior.
     outside : str
@@ -210,6 +210,22 @@ class Surrogate(JaxModel):
         """
         return namespace(theta).clip(theta, self.fitted.low, self.fitted.high)
 
+    def admitted(self, theta: Any) -> Any:
+        """Say which points a posterior may use: all, unless those outside are to be refused.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        jax.Array of bool, shape (run,)
+            False has no density.
+        """
+        inside = ((theta >= self.fitted.low) & (theta <= self.fitted.high)).all(axis=1)
+        return inside | (self.fitted.outside != "refuse")
+
     def _range(self) -> str:
         units, factors = self.space.units, self.space.factors
         low, high = self.fitted.low / factors, self.fitted.high / factors
@@ -304,14 +320,17 @@ class Surrogate(JaxModel):
         from structid.journal import digest
 
         plain, arrays = self.to_plain()
-        return digest(self.fitted.kind, self.free, self.channels, plain, *[arrays[k] for k in sorted(arrays)])
+        fit, prior = self.fitted, self.space.to_plain()
+        # Derived parameters that are functions are named only in a file, and no response depends on them.
+        told = [fit.kind, self.channels, fit.excitation, fit.dt, fit.outside, prior["marginals"], prior["correlation"]]
+        return digest(told, fit.low, fit.high, plain, *[arrays[k] for k in sorted(arrays)])
 
     def __str__(self) -> str:
         fit = self.fitted
         failed = f", {fit.left_out} failed ones left out" if fit.left_out else ""
         lines = [
             f"{fit.kind} of {', '.join(self.channels)} over {', '.join(self.free) or 'no parameter'}",
-            f"  fitted to {fit.runs} runs{failed} in {fit.seconds:.1f} s; mean error by leaving out {fit.error:.1e}",
+            f"  fitted to {fit.runs} runs{failed} in {fit.seconds:.1f} s; mean error estimated while fitting {fit.error:.1e}",
         ]
         if self.validation is not None:
             lines += [f"  {line}" for line in str(self.validation).splitlines()]
@@ -408,14 +427,14 @@ def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
         If they differ.
     """
     kinds, steps = {r.kind for r in records}, {r.dt for r in records}
-    if len(kinds) > 1 or len(steps) > 1:
+    if len(kinds) > 1 or max(steps) / min(steps) - 1.0 > 1e-9:
         raise InputError(
             where,
             f"records of {len(kinds)} kinds and the steps {', '.join(f'{s:g} s' for s in sorted(steps))}",
             "records of one kind and one step",
             "Resample them, or fit one surrogate for each.",
         )
-    return kinds.pop(), steps.pop()
+    return kinds.pop(), records[0].dt
 
 
 class Stopwatch:

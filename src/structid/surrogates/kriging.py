@@ -28,6 +28,9 @@ LOG_LENGTHS = (-4.0, 7.0)
 LOG_NUGGETS = (-25.0, 0.0)
 """Range of the logarithm of an estimated nugget, relative to the process variance."""
 
+LARGEST_RAISED_NUGGET = 1e-5
+"""How far a nugget is raised where rounding makes the matrix indefinite; beyond, the points are too close to interpolate."""
+
 SMALLEST_NUGGET = 1e-13
 """Added to the diagonal where no nugget is asked for, so that rounding does not make the matrix indefinite."""
 
@@ -142,7 +145,13 @@ class Kriging:
         data = _Data((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = _Objective(data, self.correlation, separable, self.nugget, self.estimation)
         best = _search(objective, data, self.starts, np.random.default_rng(self.seed))
-        factors = _Factors.of(data, objective.matrix(best), objective.diagonal(best))
+        try:
+            factors = _Factors.of(data, objective.matrix(best), objective.diagonal(best))
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "Kriging.fit", "points so close that they cannot be told apart", "points further apart, or a nugget",
+                'Estimate one: nugget="estimate".',
+            ) from None  # fmt: skip
         return KrigingGroup(
             self.correlation, separable, group, centre, scale, data.points, trend, best[: theta.shape[1]], factors
         )
@@ -247,15 +256,15 @@ class _Factors:
 def _cholesky(matrix: np.ndarray, nugget: float) -> tuple[np.ndarray, float]:
     """Lower factor of matrix + nugget · I, the nugget raised to where rounding lets it be positive definite."""
     nugget = max(nugget, SMALLEST_NUGGET)
-    while nugget < 1e-5 or nugget == 1.0:
+    asked = nugget
+    while nugget < max(LARGEST_RAISED_NUGGET, 2.0 * asked):
         shifted = matrix.copy()
         shifted[np.diag_indices_from(shifted)] += nugget
         factor, failed = scipy.linalg.lapack.dpotrf(shifted.T, lower=1, clean=1, overwrite_a=1)
         if not failed:
             return factor, nugget
         nugget *= 30.0
-    shifted = matrix + nugget * np.eye(len(matrix))
-    return np.linalg.cholesky(shifted), nugget
+    raise np.linalg.LinAlgError("not positive definite")
 
 
 def _inverse(cholesky: np.ndarray) -> np.ndarray:
@@ -619,7 +628,8 @@ class KrigingPredictor:
         lengths = ", ".join(f"{n} {v:.3g}" for n, v in zip(self.space.names, np.exp(group.log_lengths), strict=True))
         return (
             f"Kriging of {len(group.points)} runs, {len(self._order)} outputs: {form} {group.family} correlation, "
-            f"trend of {len(group.trend)} terms, leave-one-out error up to {self.leave_one_out_error.max():.1e}; "
+            f"trend of {len(group.trend)} terms, nugget {group.factors.nugget:.1e}, "
+            f"leave-one-out error up to {self.leave_one_out_error.max():.1e}; "
             f"lengths in standard deviations of the design: {lengths}"
         )
 

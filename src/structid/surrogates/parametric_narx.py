@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import scipy.ndimage
@@ -20,6 +21,7 @@ from structid.surrogates.pce import PCE, ChaosExpansion
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices
 from structid.surrogates.recursion import Recursion
 from structid.surrogates.structure import (
+    FIRST_SHAPES,
     Experiments,
     build_recursion,
     constant_shapes,
@@ -29,8 +31,11 @@ from structid.surrogates.structure import (
     select_terms,
     training_set,
 )
-from structid.surrogates.terms import Memory, Term
+from structid.surrogates.terms import Memory, Term, as_memories, as_terms
 from structid.surrogates.training import FreeRun, TrainingSet, robust_loss, train_free_run
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 TRAINING_BOUND = 2.0
 """While training, outputs are kept within so many times the largest one seen."""
@@ -103,6 +108,12 @@ class NARXSettings:
             check_choice("selection", self.selection, ("lars", "orthogonal"))
         if not 0.0 <= self.held_out < 0.5:
             raise InputError("held_out", f"{self.held_out}", "a share, 0 or more and below 0.5")
+        for name, least in (("degree", 0), ("steps", 0), ("washout", 0.0), ("most_terms", 1)):
+            value = getattr(self, name)
+            if value is not None and not (isinstance(value, (int, float)) and value >= least):
+                raise InputError(name, f"{value!r}", f"a number, {least} or more")
+        as_terms(self.terms or ())  # a term or a memory that cannot be read is refused here, not after the runs
+        as_memories(self.memories)
 
 
 @dataclass(frozen=True)
@@ -215,6 +226,8 @@ class NARX(NARXSettings):
             excitations, responses = [excitations], [responses]  # type: ignore[list-item]
         records = tuple(excitations)
         measured = [np.asarray(r, dtype=np.float64) for r in responses]
+        if not records or len(records) != len(measured):
+            raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one to each")
         samples = max(map(len, records))
         values = np.full((len(records), samples, len(channels)), np.nan)
         for row, (record, response) in enumerate(zip(records, measured, strict=True)):
@@ -246,11 +259,11 @@ class _Fitting:
         self.recursion = build_recursion(self.experiments, settings.terms, settings.memories)
         self.data = training_set(self.experiments, self.recursion)
         self.largest = float(np.abs(self.data.y).max())
+        self.fitted, self.unseen = self._split()
         if settings.selection is not None:
             full = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
-            self.recursion = select_terms(full, self.data, settings.selection, settings.most_terms)
+            self.recursion = select_terms(full, self.data[self.fitted], settings.selection, settings.most_terms)
         self.free_run = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
-        self.fitted, self.unseen = self._split()
 
     @property
     def design(self) -> Design:
@@ -264,26 +277,37 @@ class _Fitting:
 
     def pc_narx(self, pce: PCE) -> ParametricNARX:
         if self.settings.training == "per-experiment":
-            return self._surrogate(pce.fit(self.design[self.fitted], self._per_experiment()))
-        return self._surrogate(self._joint())
+            return self._surrogate(self._interpolated(pce))
+        return self._surrogate(Coefficients(self._joint()))
 
     def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
         if self.settings.training == "per-experiment":
-            return self._surrogate(kriging.fit(self.design[self.fitted], self._per_experiment()))
+            return self._surrogate(self._interpolated(kriging))
         trend = self._joint()
-        coefficients = self._refined(np.asarray(trend.predict(self.design.values[self.fitted])), refinements)
-        deviation = coefficients - np.asarray(trend.predict(self.design.values[self.fitted]))
+        start = np.asarray(trend.predict(self.design.values[self.fitted]))
+        refined = refined_coefficients(self.free_run, start, self.data[self.fitted], refinements)
+        return self._surrogate(self._with_deviation(trend, refined - start, kriging))
+
+    def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
+        """Coefficients of each experiment by ordinary least squares, interpolated: the published way."""
+        data = self.data[self.fitted]
+        vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
+        equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
+        found = per_experiment_solution(self.recursion, *equations, vector)
+        space = self.design.space
+        mean = PolynomialBasis(space, multi_indices(space.dimension, 0))
+        trend = self._expansion(mean, found.mean(axis=0)[:, None], np.ones((len(found), 1)))
+        return self._with_deviation(trend, found - found.mean(axis=0), regression)
+
+    def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
+        """Add an interpolation of what coefficients differ by from a trend, of those that differ at all."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
-            return self._surrogate(trend)
-        predictor = kriging.fit(self.design[self.fitted], deviation[:, varying] / deviation[:, varying].std(axis=0))
-        return self._surrogate(trend, predictor, varying, deviation[:, varying].std(axis=0))
-
-    def _per_experiment(self) -> np.ndarray:
-        data = self.data[self.fitted]
-        vector = constant_shapes(self.recursion, 0.25)
-        equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
-        return per_experiment_solution(self.recursion, *equations, vector)
+            return Coefficients(trend)
+        scale = deviation[:, varying].std(axis=0)
+        return Coefficients(
+            trend, regression.fit(self.design[self.fitted], deviation[:, varying] / scale), varying, scale
+        )
 
     def _joint(self) -> ChaosExpansion:
         """Coefficients as chaos expansions trained together."""
@@ -341,37 +365,7 @@ class _Fitting:
         truncation = ((degree, 1.0),) * len(coefficients)
         return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.design.values[self.fitted], values)
 
-    def _refined(self, start: np.ndarray, steps: int) -> np.ndarray:
-        """Coefficients of every run on its own free run, drawn towards the joint ones: maximum a posteriori.
-
-        The prior's spread is a tenth of what the coefficients vary by over the design; the noise is the joint training's error.
-        """
-        data = self.data[self.fitted]
-        spread = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
-        current = start
-        errors = self.free_run.errors(current, data).mean(axis=1)
-        noise = max(float(np.median(errors)), 1e-12) / data.y.shape[1]
-        for _ in range(steps):
-            square, inner = self.free_run.normal_equations(current, data)
-            square, inner = square.mean(axis=1) / noise, inner.mean(axis=1) / noise
-            # In units of the prior's spread the prior is the identity, and nothing is ill-conditioned.
-            matrix = square * spread[:, None] * spread + np.eye(len(spread))
-            right = inner * spread - (current - start) / spread
-            trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * spread
-            found = self.free_run.errors(trial, data).mean(axis=1)
-            better = found < errors
-            current = np.where(better[:, None], trial, current)
-            errors = np.where(better, found, errors)
-        return current
-
-    def _surrogate(
-        self,
-        trend: ChaosExpansion | KrigingPredictor,
-        deviation: KrigingPredictor | None = None,
-        varying: np.ndarray | None = None,
-        scale: np.ndarray | None = None,
-    ) -> ParametricNARX:
-        coefficients = Coefficients(trend, deviation, varying, scale)
+    def _surrogate(self, coefficients: Coefficients) -> ParametricNARX:
         # Runs held out, or all of them where none are.
         rows = self.unseen if len(self.unseen) else self.fitted
         predicted = np.asarray(coefficients.predict(self.design.values[rows]))
@@ -383,6 +377,45 @@ class _Fitting:
         )  # fmt: skip
         surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, np.ones(len(self.runs.channels)))
         return replace_spread(surrogate, self.runs[rows])
+
+
+def refined_coefficients(free_run: FreeRun, start: np.ndarray, data: TrainingSet, steps: int) -> np.ndarray:
+    """Coefficients of every run on its own free run, drawn towards given ones: maximum a posteriori, by Gauss–Newton.
+
+    The prior's spread is a tenth of what the given coefficients vary by over the runs; the noise is the error they leave.
+
+    Parameters
+    ----------
+    free_run : FreeRun
+        Compiled runs.
+    start : ndarray, shape (run, coefficient)
+        Mean of the prior, and where the search starts.
+    data : TrainingSet
+        The runs.
+    steps : int
+        Gauss–Newton steps; a run keeps one only if its error falls.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    spread = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
+    current = start
+    errors = free_run.errors(current, data).mean(axis=1)
+    noise = max(float(np.median(errors)), 1e-12) / data.y.shape[1]
+    for _ in range(steps):
+        square, inner = free_run.normal_equations(current, data)
+        square, inner = square.mean(axis=1) / noise, inner.mean(axis=1) / noise
+        # In units of the prior's spread the prior is the identity, and nothing is ill-conditioned.
+        matrix = square * spread[:, None] * spread + np.eye(len(spread))
+        right = inner * spread - (current - start) / spread
+        trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * spread
+        found = free_run.errors(trial, data).mean(axis=1)
+        better = found < errors
+        current = np.where(better[:, None], trial, current)
+        errors = np.where(better, found, errors)
+    return current
 
 
 def _settings_in_words(settings: NARXSettings) -> dict[str, Any]:
@@ -446,9 +479,9 @@ class Coefficients:
 
     Parameters
     ----------
-    trend : ChaosExpansion or KrigingPredictor
+    trend : ChaosExpansion
         All coefficients.
-    deviation : KrigingPredictor, optional
+    deviation : ChaosExpansion or KrigingPredictor, optional
         Scaled deviations from the trend.
     varying : ndarray of int, optional
         Which coefficients deviate.
@@ -456,8 +489,8 @@ class Coefficients:
         Scale of their deviations.
     """
 
-    trend: ChaosExpansion | KrigingPredictor
-    deviation: KrigingPredictor | None = None
+    trend: ChaosExpansion
+    deviation: ChaosExpansion | KrigingPredictor | None = None
     varying: np.ndarray | None = None
     scale: np.ndarray | None = None
 
@@ -495,11 +528,11 @@ class Coefficients:
             What JSON can say, and arrays.
         """
         plain, arrays = self.trend.to_plain()
-        said: dict[str, Any] = {"trend": [type(self.trend).__name__, plain]}
+        said: dict[str, Any] = {"trend": plain}
         found = {f"trend/{k}": v for k, v in arrays.items()}
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
-            said["deviation"] = plain
+            said["deviation"] = [type(self.deviation).__name__, plain]
             found |= {f"deviation/{k}": v for k, v in arrays.items()}
             found |= {"varying": self.varying, "scale": self.scale}
         return said, found
@@ -526,12 +559,12 @@ class Coefficients:
         def part(name: str) -> dict[str, np.ndarray]:
             return {k.removeprefix(f"{name}/"): v for k, v in arrays.items() if k.startswith(f"{name}/")}
 
-        kind, said = plain["trend"]
-        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
-        trend = maker.from_plain(space, said, part("trend"))
+        trend = ChaosExpansion.from_plain(space, plain["trend"], part("trend"))
         if "deviation" not in plain:
             return cls(trend)
-        deviation = KrigingPredictor.from_plain(space, plain["deviation"], part("deviation"))
+        kind, said = plain["deviation"]
+        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
+        deviation = maker.from_plain(space, said, part("deviation"))
         return cls(trend, deviation, arrays["varying"], arrays["scale"])
 
 
@@ -611,9 +644,10 @@ class ParametricNARX(Surrogate):
         scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
         inside = (jnp.abs(scaled) < bound).all(axis=1)  # [time, run]; NaN is not
         finite = inside.all(axis=0)
+        usable = finite & self.admitted(theta)
         factors = np.array([scales[y] for y in self.recursion.outputs])
         alive = jnp.where(finite, True, jnp.cumsum(~inside, axis=0) == 0)
-        return jnp.where(alive[:, None], scaled, jnp.nan) * factors[:, None], finite
+        return jnp.where(alive[:, None], scaled, jnp.nan) * factors[:, None], usable
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out.
@@ -633,6 +667,33 @@ class ParametricNARX(Surrogate):
             In SI.
         """
         return local_size(values) * self.spread
+
+    def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the coefficients against those that runs would have by themselves, as far as they determine them.
+
+        Parameters
+        ----------
+        runs : Runs
+            Runs of the model, best ones the surrogate has not seen.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A panel a coefficient.
+        """
+        from structid.figures import surrogate as figures
+
+        done = runs[runs.done]
+        for number in np.unique(done.record_of_run):
+            self.check_excitation(done.records[number])
+        if done.channels != self.channels:
+            raise InputError("plot_coefficients", f"runs of {', '.join(done.channels)}", ", ".join(self.channels))
+        data = training_set(Experiments.of(done, self.fitted.dt), self.recursion)
+        predicted = np.asarray(self.coefficients.predict(self.held_inside(self.parameters(done.design))))
+        own = refined_coefficients(FreeRun(self.recursion, TRAINING_BOUND * self.largest), predicted, data, 2)
+        return figures.coefficients(own, predicted, self.terms, save=save)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of, for a file.

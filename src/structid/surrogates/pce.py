@@ -20,6 +20,9 @@ PATIENCE = 2
 """Degrees without a better leave-one-out error after which a degree-adaptive fit stops."""
 
 
+LARGEST_SEARCHED = 6000
+"""Terms beyond which a search for the degree ends, if it has found something; a single degree that is asked for may have more."""
+
 METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
 """Ways to find the coefficients."""
 
@@ -79,7 +82,10 @@ class PCE:
         """
         theta, outputs = check_training("PCE.fit", design, values)
         if self.method == "shrinkage":
-            return _shrunk_expansion(design.space, theta, outputs)
+            expansion = _shrunk_expansion(design.space, theta, outputs)
+            if progress is not None:
+                progress(outputs.shape[1], outputs.shape[1])
+            return expansion
         best: list[_Candidate | None] = [None] * outputs.shape[1]
         for norm in np.atleast_1d(self.hyperbolic_norm):
             self._search_degree(design.space, theta, outputs, float(norm), best, progress)
@@ -112,7 +118,10 @@ class PCE:
         for degree in sorted(int(d) for d in np.atleast_1d(self.degree)):
             if not waiting:
                 break
-            basis = PolynomialBasis(space, multi_indices(space.dimension, degree, norm, self.interaction))
+            indices = multi_indices(space.dimension, degree, norm, self.interaction)
+            if len(indices) > LARGEST_SEARCHED and all(b is not None for b in best):
+                break  # what has been found is kept
+            basis = PolynomialBasis(space, indices)
             columns = basis.evaluate(theta)
             if self.method == "ols" and len(basis) >= len(theta):
                 break
@@ -344,6 +353,11 @@ class ChaosExpansion:
         ndarray, shape (replicate, term, output)
             Coefficients; their spread says how well the runs determine them.
         """
+        if self.basis.box is not None:
+            raise InputError(
+                "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
+                "Its terms are more than the runs: least squares does not determine them.",
+            )  # fmt: skip
         rng = np.random.default_rng(seed)
         columns = self.basis.evaluate(self.theta)
         found = np.zeros((replicates, *self.coefficients.shape))

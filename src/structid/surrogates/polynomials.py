@@ -19,6 +19,9 @@ from structid.units import factor
 LARGEST_BASIS = 200_000
 """More terms than this are taken for a mistake."""
 
+MORE_NODES = 60
+"""Nodes beyond the degree where a function is no polynomial any more."""
+
 QUADRATURE_NODES = 2000
 """Nodes that stand for a distribution whose recurrence is found numerically."""
 
@@ -110,15 +113,17 @@ class OrthonormalFamily:
         # a = 0, bₙ = n/√(4n² − 1)
         return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
 
-    def expansion_of(self, other: OrthonormalFamily, degree: int) -> np.ndarray:
-        """Coefficients of another family's polynomials in these, by Gauss quadrature, which is exact for them.
+    def expansion_of(self, other: OrthonormalFamily, degree: int, low: float, high: float) -> np.ndarray:
+        """Coefficients in these polynomials of another family's, held at the edge beyond a range, by Gauss quadrature.
 
         Parameters
         ----------
         other : OrthonormalFamily
-            Polynomials of the same variable.
+            Polynomials of the same variable: of the logarithm where this family takes one.
         degree : int
-            Largest degree.
+            Largest degree; this family's recurrence goes further, and gives the nodes.
+        low, high : float
+            The range.
 
         Returns
         -------
@@ -126,11 +131,10 @@ class OrthonormalFamily:
             Column n holds the coefficients of the other's polynomial of degree n.
         """
         # Golub & Welsch 1969: the nodes are eigenvalues of the Jacobi matrix, the weights squares of first components.
-        jacobi = np.diag(self.a[: degree + 1]) + np.diag(self.b[:degree], 1) + np.diag(self.b[:degree], -1)
+        jacobi = np.diag(self.a) + np.diag(self.b, 1) + np.diag(self.b, -1)
         nodes, vectors = np.linalg.eigh(jacobi)
-        x = nodes * self.scale + self.shift
-        x = np.exp(x) if self.logarithmic else x
-        mine, theirs = np.array(self.evaluate(x, degree)), np.array(other.evaluate(x, degree))
+        mine = np.array(self._recurrence(nodes, degree))
+        theirs = np.array(other.evaluate(np.clip(nodes * self.scale + self.shift, low, high), degree))
         return (mine * vectors[0] ** 2) @ theirs.T
 
     @classmethod
@@ -179,8 +183,11 @@ class OrthonormalFamily:
             p₀(x), p₁(x), … p_degree(x), of the kind `x` is.
         """
         numpy = namespace(x)
-        t = ((numpy.log(x) if self.logarithmic else x) - self.shift) / self.scale
-        values = [numpy.ones_like(t)]
+        return self._recurrence(((numpy.log(x) if self.logarithmic else x) - self.shift) / self.scale, degree)
+
+    def _recurrence(self, t: Any, degree: int) -> list[Any]:
+        """Values by the recurrence, at points of the polynomials' own variable."""
+        values = [namespace(t).ones_like(t)]
         for n in range(degree):
             previous = self.b[n - 1] * values[n - 1] if n else 0.0
             values.append(((t - self.a[n]) * values[n] - previous) / self.b[n])
@@ -339,8 +346,9 @@ class PolynomialBasis:
     indices : ndarray of int, shape (term, parameter)
         Degree of every parameter in every term.
     box : ndarray, shape (parameter, 2), optional
-        Use Legendre polynomials on this range of each variable instead, which stay small all over it; of independent parameters
-        the range is in SI, of dependent ones in standard normal variables.
+        Use Legendre polynomials on this range of each variable instead, which stay small all over it, and beyond it what they
+        are at its edge. Of independent parameters the range is in SI, of lognormal ones that of the logarithm, of dependent ones
+        in standard normal variables.
     """
 
     space: ParameterSpace
@@ -405,7 +413,7 @@ class PolynomialBasis:
         return product
 
     def variables(self, theta: Any) -> Any:
-        """Variables of the polynomials: the parameters, or independent standard normal ones made of them.
+        """Variables of the polynomials: the parameters, or independent standard normal ones made of them; see `box`.
 
         Parameters
         ----------
@@ -417,10 +425,14 @@ class PolynomialBasis:
         array, shape (run, parameter)
             Of the kind `theta` is.
         """
-        return theta if self.space.correlation is None else standard_normal(self.space, theta)
+        if self.space.correlation is not None and self.box is None:
+            return standard_normal(self.space, theta)
+        if self.box is None:
+            return theta
+        return namespace(theta).clip(box_variables(self.space, theta), self.box[:, 0], self.box[:, 1])
 
     def to_prior(self, coefficients: np.ndarray) -> np.ndarray:
-        """Coefficients of the same polynomials in the basis that is orthonormal under the prior.
+        """Coefficients of the same function in the basis that is orthonormal under the prior.
 
         Parameters
         ----------
@@ -437,8 +449,8 @@ class PolynomialBasis:
         degrees = self.indices.max(axis=0, initial=0)
         place = {tuple(index): row for row, index in enumerate(self.indices)}
         found = coefficients
-        for i, (mine, prior) in enumerate(zip(self.families, self.prior_families(degrees), strict=True)):
-            change = prior.expansion_of(mine, int(degrees[i]))  # change[m, n] = E[p_m q_n], m ≤ n
+        for i, (mine, prior) in enumerate(zip(self.families, self.prior_families(degrees + MORE_NODES), strict=True)):
+            change = prior.expansion_of(mine, int(degrees[i]), *self.box[i])  # change[m, n] = E[p_m q_n]
             moved = np.zeros_like(found)
             for row, index in enumerate(self.indices):
                 for lower in range(index[i] + 1):
@@ -446,6 +458,29 @@ class PolynomialBasis:
                     moved[target] += change[lower, index[i]] * found[row]
             found = moved
         return found
+
+
+def box_variables(space: ParameterSpace, theta: Any) -> Any:
+    """Variables that polynomials on a box are made of: those of the prior's own, so that each can be written in the other.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The parameters.
+    theta : ndarray or jax.Array, shape (run, parameter)
+        Points in SI.
+
+    Returns
+    -------
+    array, shape (run, parameter)
+        Standard normal variables of dependent parameters, logarithms of lognormal ones, the others as they are.
+    """
+    if space.correlation is not None:
+        return standard_normal(space, theta)
+    numpy = namespace(theta)
+    logarithmic = [m.family == "LogNormal" for m in space.marginals.values()]
+    columns = [numpy.log(theta[:, i]) if log else theta[:, i] for i, log in enumerate(logarithmic)]
+    return numpy.stack(columns, axis=1)
 
 
 def standard_normal(space: ParameterSpace, theta: Any) -> Any:

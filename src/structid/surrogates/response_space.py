@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +12,7 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress, response_key
 from structid.runs import Runs
-from structid.surrogates.base import Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
+from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.pce import PCE, ChaosExpansion
 
@@ -154,17 +154,16 @@ def _fit(
     watch = Stopwatch()
     kind = type(settings).__name__
     done, left_out = fitting_runs(f"{kind}.fit", runs)
-    used = [int(i) for i in np.unique(done.record_of_run)]
-    excitation, dt = common_step(f"{kind}.fit", [done.records[i] for i in used])
+    used = _by_record(done)
+    excitation, dt = common_step(f"{kind}.fit", [some.records[0] for some in used.values()])
     fits: dict[str, RecordFit] = {}
-    for number, index in enumerate(used):
-        some = done.on(index)
-        if len(some) < 3:
+    for number, (content_hash, some) in enumerate(used.items()):
+        if len(some) < FEWEST_RUNS:
             raise InputError(
-                f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", "enough runs on each record"
+                f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", f"{FEWEST_RUNS} or more on each record"
             )
         tell = None if progress is None or len(used) > 1 else progress
-        fits[some.records[0].content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
+        fits[content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
         if progress is not None and len(used) > 1:
             progress(number + 1, len(used))
     fit = Fit(
@@ -175,10 +174,23 @@ def _fit(
     return ResponseSpaceSurrogate(fit, fits)
 
 
+def _by_record(runs: Runs) -> dict[str, Runs]:
+    """Runs by the content of their record: one that is there twice is one."""
+    hashes = [r.content_hash for r in runs.records]
+    of_run = np.array([hashes.index(hashes[i]) for i in runs.record_of_run])
+    merged = replace(runs, record_of_run=of_run)
+    return {hashes[i]: merged.on(int(i)) for i in np.unique(of_run)}
+
+
 def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, progress: Progress | None) -> RecordFit:
     record = runs.records[0]
     values = runs.values[:, : len(record)]
     scale = values.std(axis=(0, 1))
+    if not scale.all():
+        still = runs.channels[int(np.argmin(scale))]
+        raise InputError(
+            "fit", f"the channel '{still}', constant in every run on '{record.name}'", "channels that vary"
+        )
     table = (values / scale).reshape(len(values), -1)
     mean, modes, scores, truncation = principal_components(table, left_out_energy)
     predictor = regression.fit(runs.design, scores, progress)
@@ -338,7 +350,7 @@ class ResponseSpaceSurrogate(Surrogate):
             sums.append(
                 left_over @ left_over + jnp.einsum("ri,ij,rj->r", gap, inner, gap) - 2 * gap @ (modes @ left_over)
             )
-        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1)
+        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1) & self.admitted(theta)
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from structid.probability.space import ParameterSpace
-from structid.surrogates.polynomials import PolynomialBasis
+from structid.surrogates.polynomials import PolynomialBasis, box_variables
 from structid.surrogates.search import quasi_newton
 
 LOG_RATES = (-4.0, 2.5)
@@ -23,6 +23,9 @@ LOG_RATES = (-4.0, 2.5)
 
 LOG_NOISES = (-32.0, 3.0)
 """Range of the logarithm of the noise."""
+
+SMALLEST_NOISE = 1e-12
+"""Of the mean prior variance of the outputs."""
 
 MOST_TERMS = 2500
 """Largest basis."""
@@ -77,8 +80,9 @@ def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) ->
         The expansion.
     """
     dimension = theta.shape[1]
-    variables = PolynomialBasis(space, np.zeros((1, dimension), dtype=int)).variables(theta)
-    box = np.stack([variables.min(axis=0), variables.max(axis=0)], axis=1)
+    variables = box_variables(space, theta)
+    low, high = variables.min(axis=0), variables.max(axis=0)
+    box = np.stack([low, np.where(high > low, high, low + 1.0)], axis=1)
     most = min(MOST_TERMS, 5 * len(theta) + 100)
     place = np.append(np.full(dimension, -0.7), -12.0)
     for number in range(ROUNDS):
@@ -157,27 +161,26 @@ class _Evidence:
     def _prior(self, place: np.ndarray) -> np.ndarray:
         return np.exp(-2.0 * self.indices @ np.exp(place[:-1]))
 
-    def _inverse(self, place: np.ndarray) -> tuple[np.ndarray, float]:
-        """C⁻¹ and log|C|."""
+    def _factor(self, place: np.ndarray) -> np.ndarray:
+        """Lower Cholesky factor of C; the noise is kept above what rounding leaves of the sum."""
         scaled = self.columns * np.sqrt(self._prior(place))
         matrix = scaled @ scaled.T
-        noise = np.exp(place[-1])
+        noise = max(float(np.exp(place[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
         while True:
             shifted = matrix.copy()
             shifted[np.diag_indices_from(shifted)] += noise
             factor, failed = scipy.linalg.lapack.dpotrf(shifted.T, lower=1, clean=1, overwrite_a=1)
             if not failed:
-                break
+                return np.asarray(factor)
             noise *= 30.0
-        lower, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
-        return np.tril(lower) + np.tril(lower, -1).T, 2.0 * float(np.sum(np.log(np.diag(factor))))
 
     def __call__(self, place: np.ndarray) -> tuple[float, np.ndarray]:
-        inverse, log_determinant = self._inverse(place)
+        factor = self._factor(place)
+        inverse = _inverse(factor)
         runs, outputs = self.outputs.shape
-        weights = inverse @ self.outputs
+        weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         variance = float(np.sum(weights * self.outputs)) / (runs * outputs)
-        value = 0.5 * runs * np.log(variance) + 0.5 * log_determinant
+        value = 0.5 * runs * np.log(variance) + float(np.sum(np.log(np.diag(factor))))
         by_matrix = 0.5 * (inverse - weights @ weights.T / (variance * outputs))
         # d C / d log wⱼ = −2 wⱼ Σ_α αⱼ λ_α ψ_αψ_αᵀ
         share = self._prior(place) * np.einsum("ia,ia->a", self.columns, by_matrix @ self.columns)
@@ -186,7 +189,13 @@ class _Evidence:
 
     def solution(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficients (term, output), and leave-one-out residuals (run, output)."""
-        inverse, _ = self._inverse(place)
-        weights = inverse @ self.outputs
+        factor = self._factor(place)
+        weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         coefficients = self._prior(place)[:, None] * (self.columns.T @ weights)
-        return coefficients, weights / np.diag(inverse)[:, None]
+        return coefficients, weights / np.diag(_inverse(factor))[:, None]
+
+
+def _inverse(factor: np.ndarray) -> np.ndarray:
+    """(L Lᵀ)⁻¹, both triangles."""
+    lower, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
+    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)

@@ -181,7 +181,7 @@ def build_recursion(
             scales[memory.name] = _scale(signals[memory.name], experiments.counted)
         elif memory.of in signals:
             # Only its size matters to what is made of it, and that is the size of what it remembers.
-            signals[memory.name] = signals[memory.of]
+            signals[memory.name] = signals[memory.of] / scales[memory.of]
             scales[memory.name] = 1.0
     initial = experiments.y[:, 0].mean(axis=0) / np.array([scales[y] for y in outputs])
     return Recursion(of_outputs, held, ("x",), outputs, experiments.dt, scales, initial)

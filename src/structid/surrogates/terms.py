@@ -47,7 +47,7 @@ class Term:
     @cached_property
     def _parsed(self) -> tuple[Any, tuple[str, ...]]:
         where = f"term '{self.text}'"
-        plain = _SIGNAL.sub(lambda m: f"{m[1]}__{int(m[2] or 0)}", self.text)
+        plain = _SIGNAL.sub(lambda m: m[0] if m[1] in _RESERVED else f"{m[1]}__{int(m[2] or 0)}", self.text)
         plain = _BARS.sub(r"abs(\1)", plain).replace("^", "**")
         function, names = parse_expression(plain, where)
         for name in names:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy.integrate
 
-from structid.errors import InputError, StructidWarning
-from structid.histories import display_unit
+from structid.errors import InputError
+from structid.histories import base_channel, display_unit
 from structid.models.base import Progress
 from structid.runs import Runs
 from structid.units import factor
@@ -71,7 +71,7 @@ class Validation:
 
     @property
     def overall(self) -> np.ndarray:
-        """Mean of the channels' errors, of the runs that did not diverge, shape (run,)."""
+        """Mean of the channels' errors, infinite for a run that diverged, shape (run,)."""
         return np.asarray(self.errors.mean(axis=1))
 
     @property
@@ -178,8 +178,16 @@ class Validation:
             self.errors[:, index],
             name,
             unit,
+            _displacement(true[2, :, index], predicted[2, :, index], dt) if base_channel(name) == "velocity" else None,
             save=save,
         )
+
+
+def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements [mm] by integration of two velocities, which shows what adds up (the source's figure 3.16)."""
+    both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
+    first, second = both
+    return first, second
 
 
 def _measures(errors: np.ndarray) -> dict[str, float]:
@@ -306,9 +314,9 @@ def _values(surrogate: Surrogate, runs: Runs) -> np.ndarray:
 
 
 def _predicted(surrogate: Surrogate, runs: Runs) -> np.ndarray:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StructidWarning)  # points outside are counted
-        return surrogate.simulate(surrogate.parameters(runs.design), runs.records[0]).values
+    surrogate.check_excitation(runs.records[0])
+    # Points outside the range are counted, and not warned of or refused here.
+    return surrogate.run(surrogate.parameters(runs.design), runs.records[0]).values
 
 
 def _shown(overall: np.ndarray) -> tuple[int, int, int]:
