@@ -33,7 +33,8 @@ def test_the_packaged_study_names_every_kind():
     assert 'kind = "none"' in STUDY and all(kind in STUDY for kind in KINDS)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+# The others take half a minute each: they are among the slow ones.
+@pytest.mark.parametrize("kind", [k if k == "pod_kriging" else pytest.param(k, marks=pytest.mark.slow) for k in KINDS])
 def test_the_study_runs_with_each_of_them_by_one_word(kind, tmp_path):
     more = "degree = 2\nsteps = 4\n" if "narx" in kind else ""
     study = written(tmp_path, words(kind, more))
