@@ -79,7 +79,7 @@ def validation(
         axis.plot(time, integrated[1], color=MODEL, lw=0.9, ls=(0, (4, 2)))
         axis.set_title("worst, integrated", loc="left")
         name_axes(axis, ("time", "s"), ("displacement", "mm"))
-    first.legend(loc="upper right", ncols=2)
+    first.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2)
     unit = pretty_unit(unit)
     _scatter(figure.add_subplot(grid[histories, 0]), peaks, predicted_peaks, f"peak |{pretty(channel)}|", unit)
     _scatter(figure.add_subplot(grid[histories, 1]), samples, predicted_samples, pretty(channel), unit)
@@ -106,11 +106,11 @@ def _distribution(axis: Axes, errors: np.ndarray) -> None:
         axis.axvline(finite.mean(), color=MODEL, lw=1.2, label="mean")
         axis.axvline(np.median(finite), color=MEASURED, lw=1.0, ls=":", label="median")
         axis.set_xscale("log")
-        axis.legend(loc="upper right")
+        axis.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2, ncols=2)
     diverged = int(np.count_nonzero(~np.isfinite(errors)))
     name_axes(axis, ("relative error ε", ""), ("runs", ""))
     if diverged:
-        axis.set_title(f"{diverged} diverged, not drawn", loc="left")
+        axis.set_xlabel(f"relative error ε ({diverged} diverged, not drawn)")
 
 
 @styled
@@ -147,6 +147,7 @@ def coefficients(
         axis.scatter(own[:, place], predicted[:, place], s=3.0, color=ACCENT, alpha=0.5, lw=0, rasterized=True)
         axis.set_title(name, fontsize=7.5, loc="left")
         axis.tick_params(labelsize=6.5)
+        axis.locator_params(nbins=3)
     figure.supxlabel("of the run itself", fontsize=9)
     figure.supylabel("predicted from its parameters", fontsize=9)
     return finish(figure, save=save)
