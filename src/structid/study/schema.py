@@ -289,8 +289,11 @@ class SurrogateSection(Section):
     separable: bool | None = None
     nugget: float | Literal["estimate"] | None = None
     estimation: Literal["ml", "cv"] | None = None
+    trend: Literal["constant", "linear", "quadratic"] | None = None
+    shared: bool | None = None
     degree: int | tuple[int, ...] | None = None
     hyperbolic_norm: float | tuple[float, ...] | None = None
+    interaction: int | None = Field(default=None, ge=1)
     method: Literal["sparse", "lars", "forward", "ols", "shrinkage"] | None = None
     terms: tuple[str, ...] | None = None
     memories: tuple[str, ...] | None = None
@@ -298,6 +301,7 @@ class SurrogateSection(Section):
     selection: Literal["lars", "orthogonal"] | None = None
     most_terms: int | None = None
     steps: int | None = None
+    refinements: int | None = Field(default=None, ge=0)
     held_out: float | None = None
 
 

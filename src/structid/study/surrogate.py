@@ -28,13 +28,13 @@ KINDS: dict[str, Callable[..., Settings]] = {
 }
 """Surrogates a study may name."""
 
-_KRIGING = ("correlation", "separable", "nugget", "estimation")
+_KRIGING = ("correlation", "separable", "nugget", "estimation", "trend", "shared")
 _NARX = ("terms", "memories", "training", "selection", "most_terms", "steps", "held_out")
 _OWN = {
     "pod_kriging": ("left_out_energy", *_KRIGING),
-    "pod_pce": ("left_out_energy", "degree", "hyperbolic_norm", "method"),
+    "pod_pce": ("left_out_energy", "degree", "hyperbolic_norm", "interaction", "method"),
     "pc_narx": (*_NARX, "degree"),
-    "kriging_narx": (*_NARX, "degree", *_KRIGING),
+    "kriging_narx": (*_NARX, "degree", "refinements", *_KRIGING),
 }
 """Keys that mean something for a kind, beside those that all have."""
 
