@@ -130,6 +130,12 @@ class BuiltStudy:
         return self.file.surrogate.kind != "none"
 
     @property
+    def validation_runs(self) -> int:
+        """True runs that validate the surrogate: as many on each record for one that knows only its own."""
+        section = self.file.surrogate
+        return section.validation * (len(self.campaign_records) if section.kind.startswith("pod") else 1)
+
+    @property
     def sampled(self) -> Posterior:
         """The posterior of a study that has an observation."""
         assert self.posterior is not None

@@ -84,7 +84,7 @@ def estimate(study: BuiltStudy) -> Cost:
     """
     true_runs = 0 if study.campaign is None else len(study.campaign)
     if study.has_surrogate:  # samples itself, in seconds
-        true_runs += study.file.surrogate.validation
+        true_runs += study.validation_runs
     sampling_runs = (
         0
         if study.posterior is None or study.has_surrogate

@@ -264,7 +264,7 @@ def _work(
     surrogate = _surrogate(study, runs, folder, stage, timings, executor)
     if study.posterior is None:
         assert runs is not None
-        return replace(_runs_report(runs, study.file, folder, timings, surrogate), surrogate=surrogate)
+        return _runs_report(runs, study.file, folder, timings, surrogate)
     # Only an external model's runs are spread: a built-in one runs in batches.
     with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
         study = replace(study, posterior=study.posterior.spread(spread))
@@ -294,10 +294,9 @@ def _surrogate(
     with stage("fitting the surrogate") as progress, timings.measured("fitting the surrogate", once=True):
         surrogate = fitted_surrogate(section, runs, folder / _SURROGATE, progress)
     if surrogate.validation is None:
-        count = section.validation * (len(study.campaign_records) if section.kind.startswith("pod") else 1)
         # A stream of its own: the design may be a random one of the same seed.
         seed = int(np.random.SeedSequence([study.file.seed, _VALIDATION_STREAM]).generate_state(1)[0])
-        design = study.space.sample(count, seed, "random")
+        design = study.space.sample(study.validation_runs, seed, "random")
         campaign = Campaign(study.model, study.campaign_records, design, folder / _VALIDATION, assignment="cycle")
         with stage("true runs to validate it") as progress, timings.measured("true runs to validate it", goes_on=True):
             unseen = campaign.run(executor, progress=progress)

@@ -108,10 +108,12 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress
     settings = surrogate_settings(section)
     surrogate = load_surrogate(path) if path.is_file() else None
     # Runs that have been done again since, and have succeeded now, are worth another fit.
-    if surrogate is None or surrogate.fitted.runs != int(runs.done.sum()):
+    stale = surrogate is None or surrogate.fitted.runs != int(runs.done.sum())
+    if surrogate is None or stale:
         surrogate = settings.fit(runs, progress)
-    surrogate.fitted = dataclasses.replace(surrogate.fitted, limit=settings.limit)
-    surrogate.save(path)
+    if stale or surrogate.fitted.limit != settings.limit:
+        surrogate.fitted = dataclasses.replace(surrogate.fitted, limit=settings.limit)
+        surrogate.save(path)
     if section.trust:
         surrogate.trust()
     return surrogate

@@ -14,6 +14,7 @@ import numpy as np
 from structid.errors import InputError, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.journal import digest
 from structid.models.base import JaxModel, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
@@ -193,7 +194,10 @@ class Surrogate(JaxModel):
         ndarray of bool, shape (run,)
             True where some parameter is below or above everything the surrogate was fitted to.
         """
-        return np.asarray(((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1))
+        return np.asarray(self._beyond(theta))
+
+    def _beyond(self, theta: Any) -> Any:
+        return ((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1)
 
     def held_inside(self, theta: Any) -> Any:
         """Move points outside the range of the design to its edge: beyond it nothing is known, and polynomials run away.
@@ -223,8 +227,7 @@ class Surrogate(JaxModel):
         jax.Array of bool, shape (run,)
             False has no density.
         """
-        inside = ((theta >= self.fitted.low) & (theta <= self.fitted.high)).all(axis=1)
-        return inside | (self.fitted.outside != "refuse")
+        return ~self._beyond(theta) | (self.fitted.outside != "refuse")
 
     def _range(self) -> str:
         units, factors = self.space.units, self.space.factors
@@ -317,8 +320,6 @@ class Surrogate(JaxModel):
     @property
     def content_hash(self) -> str:
         """Hash of everything a response depends on."""
-        from structid.journal import digest
-
         plain, arrays = self.to_plain()
         fit, prior = self.fitted, self.space.to_plain()
         # Derived parameters that are functions are named only in a file, and no response depends on them.

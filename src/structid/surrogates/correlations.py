@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from structid.device import jnp
-
 FAMILIES = ("exponential", "matern32", "matern52", "gaussian")
 """Names of the correlation functions."""
 
@@ -32,6 +30,8 @@ def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) 
     jax.Array, shape (n, m)
         Correlations.
     """
+    from structid.device import jnp
+
     scaled = [
         (a[:, j, None] - b[None, :, j]) * jnp.exp(-log_lengths[j]) for j in range(a.shape[1])
     ]  # one coordinate at a time: XLA fuses them, and nothing of size (n, m, coordinate) is made

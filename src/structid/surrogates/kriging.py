@@ -17,10 +17,12 @@ from scipy.stats import qmc
 from structid.errors import InputError, check_choice
 from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
-from structid.surrogates.correlations import FAMILIES
+from structid.surrogates.correlations import FAMILIES, correlation
+from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, check_training
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices, namespace
 from structid.surrogates.search import quasi_newton
+from structid.surrogates.symmetric import inverse_of, raised_cholesky
 
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""
@@ -188,7 +190,6 @@ def _compiled(family: str, separable: bool) -> tuple[Any, Any]:
     import jax
 
     from structid.device import jnp, over_runs
-    from structid.surrogates.correlations import correlation
 
     def columns(some: Any, points: Any, log_lengths: Any) -> Any:
         return correlation(family, separable, points, some, log_lengths)
@@ -232,7 +233,7 @@ class _Factors:
     def of(cls, data: _Data, matrix: np.ndarray, nugget: float) -> _Factors:
         cholesky, nugget = _cholesky(matrix, nugget)
         solved_trend, trend_covariance, coefficients, weights = _generalised_least_squares(data, cholesky)
-        inverse = _inverse(cholesky)
+        inverse = inverse_of(cholesky)
         precision = np.diag(inverse) - np.einsum("ij,jk,ik->i", solved_trend, trend_covariance, solved_trend)
         error = data.outputs - data.trend @ coefficients
         return cls(
@@ -254,23 +255,9 @@ class _Factors:
 
 
 def _cholesky(matrix: np.ndarray, nugget: float) -> tuple[np.ndarray, float]:
-    """Lower factor of matrix + nugget · I, the nugget raised to where rounding lets it be positive definite."""
+    """Lower factor of matrix + nugget · I; what is asked for is raised where rounding demands it, within reason."""
     nugget = max(nugget, SMALLEST_NUGGET)
-    asked = nugget
-    while nugget < max(LARGEST_RAISED_NUGGET, 2.0 * asked):
-        shifted = matrix.copy()
-        shifted[np.diag_indices_from(shifted)] += nugget
-        factor, failed = scipy.linalg.lapack.dpotrf(shifted.T, lower=1, clean=1, overwrite_a=1)
-        if not failed:
-            return factor, nugget
-        nugget *= 30.0
-    raise np.linalg.LinAlgError("not positive definite")
-
-
-def _inverse(cholesky: np.ndarray) -> np.ndarray:
-    """(L Lᵀ)⁻¹, both triangles."""
-    lower, _ = scipy.linalg.lapack.dpotri(cholesky, lower=1)
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+    return raised_cholesky(matrix, nugget, max(LARGEST_RAISED_NUGGET, 2.0 * nugget))
 
 
 def _generalised_least_squares(
@@ -344,11 +331,11 @@ class _Objective:
         value = 0.5 * runs * np.log(variance) + np.sum(np.log(np.diag(cholesky)))
         if not gradient:
             return float(value), np.empty(0)
-        return float(value), 0.5 * (_inverse(cholesky) - weights @ weights.T / (variance * outputs))
+        return float(value), 0.5 * (inverse_of(cholesky) - weights @ weights.T / (variance * outputs))
 
     def _cross_validation(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
         solved_trend, trend_covariance, _, weights = _generalised_least_squares(self.data, cholesky)
-        q = _inverse(cholesky) - solved_trend @ trend_covariance @ solved_trend.T
+        q = inverse_of(cholesky) - solved_trend @ trend_covariance @ solved_trend.T
         precision = np.diag(q)
         error = weights / precision[:, None]
         total = float(np.sum(error**2))
@@ -494,7 +481,6 @@ class KrigingGroup:
 
     def _correlations(self, theta: Any) -> Any:
         from structid.device import jnp
-        from structid.surrogates.correlations import correlation
 
         points = (theta - self.centre) / self.scale
         return correlation(self.family, self.separable, points, jnp.asarray(self.points), jnp.asarray(self.log_lengths))
@@ -584,7 +570,7 @@ class KrigingPredictor:
             plain[str(number)] = {"family": group.family, "separable": group.separable, "nugget": group.factors.nugget}
             own = {name: getattr(group, name) for name in _GROUP_ARRAYS}
             own |= {name: getattr(group.factors, name) for name in _FACTOR_ARRAYS}
-            arrays |= {f"{number}/{k}": v for k, v in {**own, "trend": group.trend.indices}.items()}
+            arrays |= put_under(str(number), {**own, "trend": group.trend.indices})
         return plain, arrays
 
     @classmethod
@@ -609,7 +595,7 @@ class KrigingPredictor:
         """
         groups = []
         for number, said in plain.items():
-            own = {k.removeprefix(f"{number}/"): v for k, v in arrays.items() if k.startswith(f"{number}/")}
+            own = found_under(number, arrays)
             factors = _Factors(nugget=said["nugget"], **{name: own[name] for name in _FACTOR_ARRAYS})
             groups.append(
                 KrigingGroup(

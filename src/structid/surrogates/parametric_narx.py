@@ -17,6 +17,7 @@ from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
 from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
+from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, ChaosExpansion
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices
 from structid.surrogates.recursion import Recursion
@@ -25,6 +26,7 @@ from structid.surrogates.structure import (
     Experiments,
     build_recursion,
     constant_shapes,
+    evenly,
     first_coefficients,
     input_signal,
     per_experiment_solution,
@@ -324,7 +326,7 @@ class _Fitting:
                 short = FreeRun(self.recursion, TRAINING_BOUND * self.largest, horizon)
                 start = train_free_run(short, start, rows, data, None, 4, LOSS_SCALE).coefficients
         # Most steps see part of the runs only: enough to determine every coefficient.
-        some = np.linspace(0, len(data) - 1, min(len(data), max(len(data) // 4, 3 * len(basis)))).astype(int)
+        some = evenly(len(data), max(len(data) // 4, 3 * len(basis)))
         early = self.settings.steps - LAST_STEPS if len(some) < len(data) // 2 else 0
         if early > 0:
             start = self._trained(start, rows[some], data[some], held_out, early, 0)
@@ -529,11 +531,11 @@ class Coefficients:
         """
         plain, arrays = self.trend.to_plain()
         said: dict[str, Any] = {"trend": plain}
-        found = {f"trend/{k}": v for k, v in arrays.items()}
+        found = put_under("trend", arrays)
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
             said["deviation"] = [type(self.deviation).__name__, plain]
-            found |= {f"deviation/{k}": v for k, v in arrays.items()}
+            found |= put_under("deviation", arrays)
             found |= {"varying": self.varying, "scale": self.scale}
         return said, found
 
@@ -555,16 +557,12 @@ class Coefficients:
         Coefficients
             The same.
         """
-
-        def part(name: str) -> dict[str, np.ndarray]:
-            return {k.removeprefix(f"{name}/"): v for k, v in arrays.items() if k.startswith(f"{name}/")}
-
-        trend = ChaosExpansion.from_plain(space, plain["trend"], part("trend"))
+        trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
         if "deviation" not in plain:
             return cls(trend)
         kind, said = plain["deviation"]
         maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
-        deviation = maker.from_plain(space, said, part("deviation"))
+        deviation = maker.from_plain(space, said, found_under("deviation", arrays))
         return cls(trend, deviation, arrays["varying"], arrays["scale"])
 
 

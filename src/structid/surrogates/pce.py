@@ -13,7 +13,7 @@ from structid.errors import InputError, check_choice
 from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.surrogates.lars import SparseFit, SparseRegression, least_squares, nested_least_squares
-from structid.surrogates.polynomials import PolynomialBasis, check_points, multi_indices
+from structid.surrogates.polynomials import PolynomialBasis, by_degree, check_points, multi_indices
 from structid.surrogates.shrinkage import fit_shrunk
 
 PATIENCE = 2
@@ -214,7 +214,7 @@ def _expansion(
     """Bring the models of all outputs into one basis: the union of their terms."""
     every = np.concatenate([f.indices for f in found])
     union, place = np.unique(every, axis=0, return_inverse=True)
-    order = np.lexsort((*(-union.T[::-1]), union.sum(axis=1)))
+    order = by_degree(union)
     rank = np.empty(len(union), dtype=int)
     rank[order] = np.arange(len(union))
     coefficients = np.zeros((len(union), len(found)))

@@ -319,7 +319,23 @@ def multi_indices(
                 "Lower the degree, hyperbolic_norm or interaction.",
             )
     indices = np.concatenate(kept)
-    return indices[np.lexsort((*(-indices.T[::-1]), indices.sum(axis=1)))]
+    return indices[by_degree(indices)]
+
+
+def by_degree(indices: np.ndarray) -> np.ndarray:
+    """Order of multi-indices: by total degree, and then those of the first parameters first.
+
+    Parameters
+    ----------
+    indices : ndarray of int, shape (term, parameter)
+        Degrees.
+
+    Returns
+    -------
+    ndarray of int, shape (term,)
+        Places.
+    """
+    return np.lexsort((*(-indices.T[::-1]), indices.sum(axis=1)))
 
 
 def _degrees_within(count: int, degree: int, q: float, budget: float) -> np.ndarray:

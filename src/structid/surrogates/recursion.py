@@ -283,13 +283,13 @@ class Recursion:
         start = self.at_rest(y[0, 0])
         return start | {name: (y[0, i], *start[name][1:]) for i, name in enumerate(self.outputs)}
 
-    def one_step(self, shapes: Any, x: Any, y: Any) -> tuple[Any, Any]:
+    def one_step(self, coefficients: Any, x: Any, y: Any) -> Any:
         """Terms along measured outputs, for regression; outputs one step ahead are sums of them.
 
         Parameters
         ----------
-        shapes : jax.Array, shape (shape, run)
-            Shape parameters of the memories.
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run; only the memories' shapes at its end are used.
         x : jax.Array, shape (time, input, run)
             Scaled inputs.
         y : jax.Array, shape (time, output, run)
@@ -297,27 +297,22 @@ class Recursion:
 
         Returns
         -------
-        tuple of jax.Array
-            Terms of all outputs (time − 1, term, run), and the states' memories (time − 1, memory, run).
+        jax.Array, shape (time − 1, term, run)
+            Terms of all outputs.
         """
         import jax
 
         from structid.device import jnp
-
-        padded = jnp.concatenate([jnp.zeros((self.linear_size, *shapes.shape[1:])) + y[0, :1] * 0, shapes])
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             window, now, time = at
             values = self.values(state, window)
             ones = jnp.ones_like(now[0])
             terms = jnp.stack([ones * t.evaluate(values, time) for of in self.terms for t in of])
-            after = self.advance(padded, state, window, list(now))
-            held = jnp.stack([after[m.name][0] for m in self.memories]) if self.memories else now[:0]
-            return after, (terms, held)
+            return self.advance(coefficients, state, window, list(now)), terms
 
         times = jnp.arange(x.shape[0]) * self.dt
-        _, (terms, held) = jax.lax.scan(step, self._from_measured(y), (self.windows(x)[1:], y[1:], times[1:]))
-        return terms, held
+        return jax.lax.scan(step, self._from_measured(y), (self.windows(x)[1:], y[1:], times[1:]))[1]
 
 
 def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:

@@ -14,6 +14,7 @@ from structid.models.base import Progress, response_key
 from structid.runs import Runs
 from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
+from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, ChaosExpansion
 
 Predictor = ChaosExpansion | KrigingPredictor
@@ -397,8 +398,7 @@ class ResponseSpaceSurrogate(Surrogate):
                 "mean": fit.mean, "modes": fit.modes, "truncation": fit.truncation, "scale": fit.scale,
                 "score_deviation": fit.score_deviation,
             }  # fmt: skip
-            arrays |= {f"{number}/{k}": v for k, v in own.items()}
-            arrays |= {f"{number}/scores/{k}": v for k, v in scores_arrays.items()}
+            arrays |= put_under(str(number), {**own, **put_under("scores", scores_arrays)})
         return plain, arrays
 
     @classmethod
@@ -422,8 +422,8 @@ class ResponseSpaceSurrogate(Surrogate):
         kind = KrigingPredictor if fit.kind == "PODKriging" else ChaosExpansion
         records = {}
         for number, said in plain.items():
-            own = {k.removeprefix(f"{number}/"): v for k, v in arrays.items() if k.startswith(f"{number}/")}
-            scores = {k.removeprefix("scores/"): v for k, v in own.items() if k.startswith("scores/")}
+            own = found_under(number, arrays)
+            scores = found_under("scores", own)
             records[said["hash"]] = RecordFit(
                 said["name"], said["samples"], own["mean"], own["modes"], own["truncation"], own["scale"],
                 kind.from_plain(fit.space, said["scores"], scores), own["score_deviation"],

@@ -17,6 +17,7 @@ import scipy.linalg
 from structid.probability.space import ParameterSpace
 from structid.surrogates.polynomials import PolynomialBasis, box_variables
 from structid.surrogates.search import quasi_newton
+from structid.surrogates.symmetric import inverse_of, raised_cholesky
 
 LOG_RATES = (-4.0, 2.5)
 """Range of the logarithm of a decay rate."""
@@ -166,17 +167,11 @@ class _Evidence:
         scaled = self.columns * np.sqrt(self._prior(place))
         matrix = scaled @ scaled.T
         noise = max(float(np.exp(place[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
-        while True:
-            shifted = matrix.copy()
-            shifted[np.diag_indices_from(shifted)] += noise
-            factor, failed = scipy.linalg.lapack.dpotrf(shifted.T, lower=1, clean=1, overwrite_a=1)
-            if not failed:
-                return np.asarray(factor)
-            noise *= 30.0
+        return raised_cholesky(matrix, noise)[0]
 
     def __call__(self, place: np.ndarray) -> tuple[float, np.ndarray]:
         factor = self._factor(place)
-        inverse = _inverse(factor)
+        inverse = inverse_of(factor)
         runs, outputs = self.outputs.shape
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         variance = float(np.sum(weights * self.outputs)) / (runs * outputs)
@@ -192,10 +187,4 @@ class _Evidence:
         factor = self._factor(place)
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         coefficients = self._prior(place)[:, None] * (self.columns.T @ weights)
-        return coefficients, weights / np.diag(_inverse(factor))[:, None]
-
-
-def _inverse(factor: np.ndarray) -> np.ndarray:
-    """(L Lᵀ)⁻¹, both triangles."""
-    lower, _ = scipy.linalg.lapack.dpotri(factor, lower=1)
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+        return coefficients, weights / np.diag(inverse_of(factor))[:, None]

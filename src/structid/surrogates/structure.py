@@ -12,6 +12,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.histories import base_channel
 from structid.runs import Runs
 from structid.surrogates.lars import least_angle_order, orthogonal_order
+from structid.surrogates.polynomials import namespace
 from structid.surrogates.recursion import Recursion
 from structid.surrogates.terms import Memory, Term, as_memories, as_terms, check_signals, hysteretic_terms
 from structid.surrogates.training import FreeRun, TrainingSet, joint_solution, robust_loss
@@ -101,8 +102,6 @@ def input_signal(excitation: Excitation, stages: np.ndarray) -> np.ndarray:
     array, shape (time,)
         The samples.
     """
-    from structid.surrogates.polynomials import namespace
-
     numpy = namespace(stages)
     return numpy.concatenate([stages[:, 0, 0], stages[-1:, 0, 2]])
 
@@ -233,7 +232,7 @@ def first_coefficients(
         The best A; the shapes are constant.
     """
     recursion = runs.recursion
-    tried = np.linspace(0, len(data) - 1, min(len(data), TRIED_RUNS)).astype(int)
+    tried = evenly(len(data), TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
     for shape in FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,):
         vector = constant_shapes(recursion, shape)
@@ -246,6 +245,24 @@ def first_coefficients(
             if loss < lowest:
                 best, lowest = found, loss
     return best
+
+
+def evenly(count: int, most: int) -> np.ndarray:
+    """Rows spread evenly over all of them.
+
+    Parameters
+    ----------
+    count : int
+        How many there are.
+    most : int
+        How many are wanted at most.
+
+    Returns
+    -------
+    ndarray of int
+        Rising.
+    """
+    return np.linspace(0, count - 1, min(count, most)).astype(int)
 
 
 def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
@@ -291,7 +308,7 @@ def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None
         The structure with the terms kept.
     """
     recursion = runs.recursion
-    tried = np.linspace(0, len(data) - 1, min(len(data), TRIED_RUNS)).astype(int)
+    tried = evenly(len(data), TRIED_RUNS)
     some = data[tried]
     vector = constant_shapes(recursion, FIRST_SHAPES[1])
     square, inner = runs.regression_equations(np.tile(vector, (len(some), 1)), some)

@@ -138,8 +138,7 @@ class FreeRun:
         """The same with the terms along the measured outputs in the place of sensitivities."""
         from structid.device import jnp
 
-        terms, _ = self.recursion.one_step(coefficients[self.recursion.linear_size :], x, y)
-        terms = terms * (counted[1:, None] > 0)
+        terms = self.recursion.one_step(coefficients, x, y) * (counted[1:, None] > 0)
         squares, inners, start = [], [], 0
         total = self.recursion.size
         for index, of_output in enumerate(self.recursion.terms):
