@@ -20,8 +20,9 @@ import common
 import numpy as np
 
 import structid as si
-from structid.surrogates.parametric_narx import _Fitting, refined_coefficients
+from structid.surrogates.narx_fitting import NARXFit
 from structid.surrogates.terms import absolute_terms
+from structid.surrogates.training import refined_coefficients
 
 NAME = "surrogates"
 PEERS = common.ROOT.parent / "shared" / "peers"
@@ -104,7 +105,7 @@ def further() -> list[list[str]]:
     model, space = problem()
     design = space.sample(DESIGN_RUNS, 1, "sobol", 2.0)
     runs = si.Campaign(model, record(), space.sample(DESIGN_RUNS, 1)).run()
-    fitting = _Fitting(si.KrigingNARX(), runs, None)
+    fitting = NARXFit(si.KrigingNARX(), runs, None)
     joint = np.asarray(fitting._joint().predict(runs.design.values[fitting.fitted]))
     data = fitting.data[fitting.fitted]
     own = fitting.free_run.errors(refined_coefficients(fitting.free_run, joint, data, 2), data)

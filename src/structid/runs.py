@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from structid.errors import InputError, Status, check_choice
-from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories, display_unit
 from structid.probability.space import Design
 from structid.reasons import general_reason
@@ -300,10 +300,7 @@ class Runs:
 
         if self.path is not None:
             return xarray.open_dataset(self.path, engine="h5netcdf")
-        samples = max(len(r) for r in self.records)
-        excitation = np.full((len(self.records), samples), np.nan)
-        for row, record in zip(excitation, self.records, strict=True):
-            row[: len(record)] = record.values
+        excitation = padded_values(self.records)
         return xarray.Dataset(
             {
                 "values": (("run", "time", "channel"), self.values),
@@ -314,7 +311,7 @@ class Runs:
                 "seconds": ("run", self.seconds),
                 "attempts": ("run", self.attempts),
                 "record_of_run": ("run", self.record_of_run),
-                "excitation": (("record", "time"), excitation),
+                "excitation": (("record", "time", "part")[: excitation.ndim], excitation),
                 "dt": ("record", [r.dt for r in self.records]),
                 "samples": ("record", [len(r) for r in self.records]),
             },

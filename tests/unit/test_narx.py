@@ -65,7 +65,7 @@ def test_generators():
     assert len(polynomial_terms(1, 1, 2)) == 1 + 3 + 6
     assert {str(t) for t in exponential_terms(1)} == {"x(t)^2", "x(t-1)^2", "exp(x(t))", "exp(x(t-1))"}
     assert len(prony_terms()) == 60
-    terms, memories = hysteretic_terms(("y1", "y2"), ("x",), (True, False))
+    terms, memories = hysteretic_terms(("y1", "y2"), ("x",), (1, 0))
     assert [str(m) for m in memories] == ["u1 = integral(y1)", "z1 = hysteresis(u1)", "z2 = hysteresis(y2)"]
     assert "z2(t-1)*|y2(t-1) - y2(t-2)|" in {str(t) for t in terms}
 
@@ -259,3 +259,161 @@ def test_memories_are_named_once():
 def test_settings_are_checked_before_any_run(wrong):
     with pytest.raises(InputError):
         si.PCNARX(**wrong)
+
+
+# --- several inputs, several outputs, what is predicted ahead -------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_forces():
+    """Velocity and displacement of a linear oscillator that two forces drive, one of them with half its weight."""
+    rng = np.random.default_rng(8)
+    smooth = lambda: np.pad(np.convolve(rng.normal(size=1200), np.ones(5) / 5, "same"), (3, 0))  # noqa: E731
+    a, b = (si.ForceHistory(smooth(), DT, n) for n in "ab")
+    both = si.ForceHistory(a.values + 0.5 * b.values, DT)
+    channels = ("velocity", "displacement")
+    model = si.BoucWen(
+        mass=2.0, damping_ratio=0.05, stiffness=2000.0, alpha=1.0, beta=1.0, gamma=0.0, channels=channels
+    )
+    return si.CombinedExcitation((a, b)), model.simulate(np.zeros((1, 0)), both).values[0], channels
+
+
+def test_a_narx_of_two_inputs_and_terms_of_each_output(two_forces):
+    excitation, response, channels = two_forces
+    past = [f"x{i}(t-{k})" if k else f"x{i}(t)" for i in (1, 2) for k in range(3)]
+    terms = {"velocity": [*past, "y1(t-1)", "y1(t-2)"], "displacement": [*past, "y2(t-1)", "y2(t-2)"]}
+    surrogate = si.NARX(terms=terms).fit(excitation, response, channels)
+    assert surrogate.terms == tuple(f"y{i}: {t}" for i, c in enumerate(channels, 1) for t in terms[c])
+    predicted = surrogate.simulate(np.zeros((1, 0)), excitation).values[0]
+    error = np.mean((predicted - response) ** 2, axis=0) / response.var(axis=0)
+    assert error.max() < 1e-6
+    # The second force enters with half the weight of the first.
+    ones = surrogate.coefficients.predict(np.zeros((1, 0)))[0]
+    scales = surrogate.recursion.scales
+    assert ones[3] / scales["x2"] == pytest.approx(0.5 * ones[0] / scales["x1"], rel=1e-3)
+
+
+def test_several_inputs_are_kept_with_their_runs_and_their_surrogate(two_forces, tmp_path):
+    excitation, response, channels = two_forces
+    surrogate = si.NARX(horizons=(8,), steps=2).fit(excitation, response, channels)
+    assert surrogate.recursion.inputs == ("x1", "x2")
+    again = si.load_surrogate(surrogate.save(tmp_path / "two.h5"))
+    nothing = np.zeros((1, 0))
+    np.testing.assert_array_equal(
+        again.simulate(nothing, excitation).values, surrogate.simulate(nothing, excitation).values
+    )
+
+    def respond(theta, record):
+        return np.cumsum(record.values @ np.array([theta["gain"], 1.0]))
+
+    space = si.ParameterSpace(gain=si.Uniform(0.0, 1.0))
+    model = si.CallableModel(respond, free=space.names, channels=("velocity",))
+    runs = si.Campaign(model, excitation, space.sample(3, seed=1), tmp_path / "runs.h5").run()
+    (record,) = si.open_runs(tmp_path / "runs.h5").records
+    assert record.content_hash == excitation.content_hash and record.kind == "force+force"
+    assert runs.to_xarray()["excitation"].shape == (1, len(excitation), 2)
+    single = excitation.parts[0]
+    with pytest.raises(InputError, match="records of 1 and 2 signals"):
+        si.Campaign(model, [single, excitation], space.sample(3, seed=1))
+    oscillator = si.BoucWen(mass=2.0, damping_ratio=0.05, stiffness=2000.0, alpha=1.0, beta=1.0, gamma=0.0)
+    with pytest.raises(InputError, match="2 signals at once"):
+        oscillator.simulate(np.zeros((1, 0)), excitation)
+    with pytest.raises(InputError, match="agree in all of these"):
+        si.CombinedExcitation((single, si.ForceHistory(single.values, 2 * DT)))
+
+
+def test_predictions_ahead_of_what_was_measured(two_forces):
+    excitation, response, channels = two_forces
+    surrogate = si.NARX(steps=0).fit(excitation, response, channels)
+    wrong = response + 0.05 * response.std(axis=0) * np.random.default_rng(9).normal(size=response.shape)
+    nothing = np.zeros((1, 0))
+    error = lambda h: np.mean((h.values[0] - wrong) ** 2)  # noqa: E731
+    free = surrogate.simulate(nothing, excitation)
+    whole = surrogate.predict_ahead(nothing, excitation, wrong, horizon=len(excitation))
+    # Never started again it is the free run, but for the measured first sample.
+    assert error(whole) == pytest.approx(error(free), rel=0.05)
+    # One step ahead of a measurement without noise, the recursion has less time to go wrong than when it is free.
+    clean = lambda horizon: np.mean(  # noqa: E731
+        (surrogate.predict_ahead(nothing, excitation, response, horizon).values[0] - response) ** 2
+    )
+    assert clean(1) < clean(50) <= 1.5 * np.mean((free.values[0] - response) ** 2)
+    with pytest.raises(InputError, match="horizon"):
+        surrogate.predict_ahead(nothing, excitation, response, 0)
+    with pytest.raises(InputError, match=r"measured.*shape \(5, 2\)"):
+        surrogate.predict_ahead(nothing, excitation, response[:5])
+
+
+def test_the_lead_in_of_a_periodic_record_is_run_through():
+    """The coefficients of a linear recursion, from the steady state alone: found only if what goes before is known."""
+    rng = np.random.default_rng(10)
+    force = si.ForceHistory(rng.normal(size=300), DT, interpolation="periodic", lead_in_periods=2)
+    y = np.zeros(900)
+    for t in range(1, 900):
+        y[t] = 0.9 * y[t - 1] + 0.5 * force.values[t % 300] - 0.2 * force.values[(t - 1) % 300]
+    surrogate = si.NARX(terms=["x(t)", "x(t-1)", "y(t-1)"], held_out=0.0).fit(force, y[600:])
+    recursion = surrogate.recursion
+    found = surrogate.coefficients.predict(np.zeros((1, 0)))[0]
+    gain = recursion.scales["x"] / recursion.scales["y"]
+    np.testing.assert_allclose(found, [0.5 * gain, -0.2 * gain, 0.9], rtol=1e-6)
+    np.testing.assert_allclose(surrogate.simulate(np.zeros((1, 0)), force).values[0, :, 0], y[600:], atol=1e-9)
+
+
+CYCLE = np.arange(800) * 0.02
+
+
+@pytest.mark.parametrize(
+    ("channel", "excitation", "limit"),
+    [
+        ("displacement", None, 1e-3),
+        ("relative_acceleration", None, 1e-3),
+        ("restoring_force", si.DisplacementHistory(0.02 * np.sin(1.5 * CYCLE) * CYCLE / 16.0, 0.02), 1e-3),
+    ],
+)
+def test_the_default_terms_suit_the_channel(channel, excitation, limit):
+    record = excitation or si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 12.0).scale_to_pga(3.0)
+    space = si.ParameterSpace(gamma_ratio=si.Uniform(-0.5, 1.0))
+    model = si.BoucWen(
+        mass=12_000.0, damping_ratio=0.03, stiffness=7e6, beta=60.0, alpha=0.06, free=space.names, channels=(channel,)
+    )
+    runs = si.Campaign(model, record, space.sample(30, seed=1)).run()
+    surrogate = si.PCNARX(degree=2, steps=6).fit(runs)
+    assert surrogate.validate(si.Campaign(model, record, space.sample(20, seed=2)).run()).mean < limit
+
+
+@pytest.mark.parametrize(
+    ("text", "value"), [("|x(t) - |y(t-1)||", 2.0), ("||y(t-1)| - |x(t-3)||*x(t-3)", 2.0), ("| y(t-1) | * 2", 6.0)]
+)
+def test_bars_within_bars(text, value):
+    assert Term(text).evaluate({("x", 0): 1.0, ("x", 3): 2.0, ("y", 1): -3.0}) == value
+
+
+def test_bars_that_are_no_pairs():
+    with pytest.raises(InputError, match="bars in pairs"):
+        Term("|x(t)*y(t-1)")
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (dict(terms={"speed": ["x(t)"]}), "those of speed.*velocity"),
+        (dict(memories=["z = hysteresis(y)"]), "none without terms"),
+    ],
+)
+def test_structures_that_say_too_little(settings, words):
+    experiments = Experiments(np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, ("velocity",))
+    with pytest.raises(InputError, match=words):
+        build_recursion(experiments, settings.get("terms"), settings.get("memories", ()))
+
+
+def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_made():
+    space = si.ParameterSpace(a=si.Uniform(0, 1), b=si.Uniform(0, 1))
+    record = si.GroundMotion.synthetic(seed=1)
+    with pytest.raises(InputError, match=r"18 runs.*10 chaos terms.*20 runs or more"):
+        si.PCNARX().check(space.sample(20, seed=1), [record])
+    si.PCNARX(training="per-experiment").check(space.sample(20, seed=1), [record])
+    coarse = si.GroundMotion(record.values[::2], 2 * record.dt)
+    for settings in (si.PCNARX(), si.PODKriging(), si.PODPCE()):
+        with pytest.raises(InputError, match="one kind and one step"):
+            settings.check(space.sample(100, seed=1), [record, coarse])
+    with pytest.raises(InputError, match="9 runs on each of 2 records"):
+        si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)])

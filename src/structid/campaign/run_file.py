@@ -14,7 +14,13 @@ import h5py
 import numpy as np
 
 from structid.errors import InputError, Status, StoreError
-from structid.ground_motion.excitation import DisplacementHistory, Excitation, ForceHistory
+from structid.ground_motion.excitation import (
+    CombinedExcitation,
+    DisplacementHistory,
+    Excitation,
+    ForceHistory,
+    padded_values,
+)
 from structid.ground_motion.record import GroundMotion
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
@@ -201,14 +207,14 @@ def _write_header(file: Any, header: Header, theta: np.ndarray, record_of_run: n
         "time": np.arange(header.samples) * (dt.pop() if len(dt) == 1 else 1.0),
         "run": np.arange(len(theta)),
     }
+    excitation = padded_values(header.records)
+    if excitation.ndim == 3:
+        scales["part"] = np.arange(excitation.shape[2])
     for name, content in scales.items():
         file.create_dataset(name, data=content, dtype=_TEXT if content.dtype == object else None).make_scale(name)
-    excitation = np.full((len(header.records), header.samples), np.nan)
-    for row, record in zip(excitation, header.records, strict=True):
-        row[: len(record)] = record.values
     _put(file, "theta", theta, ("run", "parameter"))
     _put(file, "record_of_run", np.asarray(record_of_run, dtype=np.int32), ("run",))
-    _put(file, "excitation", excitation, ("record", "time"))
+    _put(file, "excitation", excitation, ("record", "time", "part")[: excitation.ndim])
     _put(file, "dt", np.array([r.dt for r in header.records]), ("record",))
     _put(file, "samples", np.array([len(r) for r in header.records]), ("record",))
 
@@ -340,7 +346,7 @@ def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
     ----------
     plain : dict
         The description.
-    values : ndarray, shape (time,)
+    values : ndarray, shape (time,) or (time, part)
         The samples in SI.
 
     Returns
@@ -348,6 +354,9 @@ def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
     Excitation
         Of the same kind.
     """
+    if "parts" in plain:
+        parts = [record_from_plain(p, v) for p, v in zip(plain["parts"], values.T, strict=True)]
+        return CombinedExcitation(parts, plain["name"])
     settings = {k: v for k, v in plain.items() if k != "kind"}
     return _KINDS[plain["kind"]](values=values, **settings)
 

@@ -14,7 +14,7 @@ from structid.campaign.executors import LostWorkerError, Pool, open_pool
 from structid.campaign.run_file import Header
 from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
-from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
 from structid.models.base import Model
 from structid.models.external import ExternalModel, Outcome, PackedCall, attempt, packed
@@ -91,6 +91,7 @@ class Campaign:
         self.records = (records,) if isinstance(records, Excitation) else tuple(records)
         if not self.records or not all(isinstance(r, Excitation) for r in self.records):
             raise InputError("Campaign.records", f"{records!r}", "a GroundMotion, ForceHistory, …, or a list of them")
+        check_signals_alike("Campaign.records", self.records)
         self.model, self.design, self.store = model, design, store
         self.theta = model.parameters(design)
         self.record_of_run = record_numbers(self.records, assignment, len(design))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -95,17 +96,17 @@ class Excitation:
         object.__setattr__(self, "dt", dt)
 
     def __len__(self) -> int:
-        return self.values.size
+        return len(self.values)
 
     @property
     def time(self) -> np.ndarray:
         """Times of the samples [s], shape (time,)."""
-        return np.arange(self.values.size) * self.dt
+        return np.arange(len(self)) * self.dt
 
     @property
     def duration(self) -> float:
         """Time of the last sample [s]."""
-        return (self.values.size - 1) * self.dt
+        return (len(self) - 1) * self.dt
 
     @functools.cached_property
     def content_hash(self) -> str:
@@ -152,7 +153,7 @@ class Excitation:
     @property
     def dropped_samples(self) -> int:
         """Samples of the lead-in, which a response leaves out."""
-        return self.lead_in_periods * self.values.size
+        return self.lead_in_periods * len(self)
 
 
 class ForceHistory(Excitation):
@@ -187,3 +188,144 @@ class DisplacementHistory(Excitation):
 
     kind = "displacement"
     unit = "m"
+
+
+class CombinedExcitation(Excitation):
+    """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
+
+    The built-in models take one signal; an external model is handed ``values`` with a column for each, and terms of a NARX call
+    them ``x1``, ``x2``, ….
+
+    Parameters
+    ----------
+    parts : sequence of Excitation
+        Two or more, of the same step, length, interpolation and lead-in.
+    name : str
+        What to call it; left out, the names of the parts.
+
+    Attributes
+    ----------
+    values : ndarray, shape (time, part)
+        The samples in SI.
+
+    Raises
+    ------
+    InputError
+        If the parts cannot act together.
+    """
+
+    parts: tuple[Excitation, ...]
+
+    def __init__(self, parts: Sequence[Excitation], name: str = "") -> None:
+        own = tuple(parts)
+        for part in own:
+            if type(part) is CombinedExcitation or not isinstance(part, Excitation):
+                raise InputError("CombinedExcitation", f"a {type(part).__name__}", "GroundMotion, ForceHistory, …")
+        timings = {(p.dt, len(p), p.interpolation, p.lead_in_periods) for p in own}
+        if len(own) < 2 or len(timings) > 1:
+            raise InputError(
+                "CombinedExcitation",
+                f"{len(own)} signals with {len(timings)} different steps, lengths, interpolations or lead-ins",
+                "two or more that agree in all of these",
+                "Resample and trim them.",
+            )
+        values = np.stack([p.values for p in own], axis=1)
+        values.setflags(write=False)
+        first = own[0]
+        told = {
+            "parts": own, "values": values, "dt": first.dt, "name": name or " and ".join(p.name for p in own),
+            "interpolation": first.interpolation, "lead_in_periods": first.lead_in_periods,
+        }  # fmt: skip
+        for key, value in told.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def kind(self) -> str:  # type: ignore[override]
+        """Kinds of the parts."""
+        return "+".join(p.kind for p in self.parts)
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give everything but the samples, as JSON can say it.
+
+        Returns
+        -------
+        dict
+            Name, and what each part says.
+        """
+        return {"name": self.name, "parts": [p.to_plain() for p in self.parts]}
+
+    def stage_values(self, substeps: int) -> np.ndarray:
+        """Signals at the start, middle and end of every integration step.
+
+        Parameters
+        ----------
+        substeps : int
+            Integration steps per sample.
+
+        Returns
+        -------
+        ndarray, shape (time − 1 + lead-in samples, substeps, 3, part)
+            Those of the parts side by side.
+        """
+        return np.stack([p.stage_values(substeps) for p in self.parts], axis=-1)
+
+
+def check_one_signal(where: str, excitation: Excitation) -> None:
+    """Refuse several signals at once.
+
+    Parameters
+    ----------
+    where : str
+        The model, for the message.
+    excitation : Excitation
+        What is to drive it.
+
+    Raises
+    ------
+    InputError
+        If it is a `CombinedExcitation`.
+    """
+    if isinstance(excitation, CombinedExcitation):
+        raise InputError(
+            where, f"{len(excitation.parts)} signals at once", "one GroundMotion, ForceHistory or DisplacementHistory",
+            "An external model, or a surrogate of one, takes several.",
+        )  # fmt: skip
+
+
+def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
+    """Check that all records have as many signals.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    records : sequence of Excitation
+        The records.
+
+    Raises
+    ------
+    InputError
+        If some have more than others.
+    """
+    counts = sorted({1 if r.values.ndim == 1 else r.values.shape[1] for r in records})
+    if len(counts) > 1:
+        raise InputError(where, f"records of {' and '.join(map(str, counts))} signals", "as many signals in each")
+
+
+def padded_values(records: Sequence[Excitation]) -> np.ndarray:
+    """Samples of several records in one array, NaN beyond the end of a shorter one.
+
+    Parameters
+    ----------
+    records : sequence of Excitation
+        All with as many signals.
+
+    Returns
+    -------
+    ndarray, shape (record, time) or (record, time, part)
+        The samples in SI.
+    """
+    table = np.full((len(records), max(map(len, records)), *records[0].values.shape[1:]), np.nan)
+    for row, record in zip(table, records, strict=True):
+        row[: len(record)] = record.values
+    return table

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from structid.errors import InputError, suggestion
-from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.histories import check_channels
 from structid.journal import digest
 from structid.models.base import JaxModel
@@ -239,6 +239,7 @@ class BoucWen(JaxModel):
         from structid.device import jnp
         from structid.models.integrate import integrate
 
+        check_one_signal("BoucWen", excitation)
         values = self._values(theta)
         equations = _Equations(values, self.channels, excitation.kind)
         final, seen = integrate(

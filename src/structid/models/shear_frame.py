@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import InputError, check_choice
-from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.histories import check_channels
 from structid.journal import digest
 from structid.models.base import JaxModel
@@ -244,6 +244,7 @@ class ShearFrame(JaxModel):
         from structid.device import jnp
         from structid.models.integrate import integrate
 
+        check_one_signal("ShearFrame", excitation)
         if excitation.kind == "displacement":
             raise InputError(
                 "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,7 @@ from structid.study.schema import (
     PriorSection,
     RecordSection,
     StudyFile,
+    SurrogateSection,
     VirtualSection,
 )
 from structid.study.surrogate import surrogate_settings
@@ -247,8 +248,8 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "one of them, or both",
             "Say what to calibrate, or what to run.",
         )
-    if study.has_surrogate:
-        surrogate_settings(study.file.surrogate)
+    if study.campaign is not None and study.has_surrogate:
+        _check_surrogate(study.file.surrogate, study.campaign, study.campaign_records)
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
@@ -258,6 +259,17 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
         )
     if study.search_methods:
         region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
+
+
+def _check_surrogate(section: SurrogateSection, design: Design, records: Sequence[GroundMotion]) -> None:
+    """What fitting would refuse, said before hours of true runs."""
+    settings = surrogate_settings(section)
+    try:
+        settings.check(design, records)
+    except InputError as error:
+        raise InputError(
+            f"tables 'surrogate' and 'campaign': {error.where}", error.came, error.allowed, error.cure
+        ) from None
 
 
 def _campaign(

@@ -289,20 +289,23 @@ class SurrogateSection(Section):
     separable: bool | None = None
     nugget: float | Literal["estimate"] | None = None
     estimation: Literal["ml", "cv"] | None = None
-    trend: Literal["constant", "linear", "quadratic"] | None = None
+    trend: Literal["constant", "linear", "quadratic", "pce"] | None = None
+    starts: int | None = Field(default=None, ge=1)
     shared: bool | None = None
     degree: int | tuple[int, ...] | None = None
     hyperbolic_norm: float | tuple[float, ...] | None = None
     interaction: int | None = Field(default=None, ge=1)
     method: Literal["sparse", "lars", "forward", "ols", "shrinkage"] | None = None
-    terms: tuple[str, ...] | None = None
+    terms: tuple[str, ...] | dict[str, tuple[str, ...]] | None = None
     memories: tuple[str, ...] | None = None
     training: Literal["joint", "per-experiment"] | None = None
     selection: Literal["lars", "orthogonal"] | None = None
     most_terms: int | None = None
+    horizons: tuple[int, ...] | None = None
     steps: int | None = None
     refinements: int | None = Field(default=None, ge=0)
     held_out: float | None = None
+    washout: Annotated[Seconds, Field(ge=0)] | None = None
 
 
 class PredictionSection(Section):

@@ -13,7 +13,7 @@ from structid.runs import Runs
 from structid.study.schema import SurrogateSection
 from structid.surrogates.base import Surrogate
 from structid.surrogates.kriging import Kriging
-from structid.surrogates.parametric_narx import PCNARX, KrigingNARX
+from structid.surrogates.narx import PCNARX, KrigingNARX
 from structid.surrogates.pce import PCE
 from structid.surrogates.response_space import PODPCE, PODKriging
 from structid.surrogates.storage import load_surrogate
@@ -28,8 +28,8 @@ KINDS: dict[str, Callable[..., Settings]] = {
 }
 """Surrogates a study may name."""
 
-_KRIGING = ("correlation", "separable", "nugget", "estimation", "trend", "shared")
-_NARX = ("terms", "memories", "training", "selection", "most_terms", "steps", "held_out")
+_KRIGING = ("correlation", "separable", "nugget", "estimation", "trend", "shared", "starts")
+_NARX = ("terms", "memories", "training", "selection", "most_terms", "horizons", "steps", "held_out", "washout")
 _OWN = {
     "pod_kriging": ("left_out_energy", *_KRIGING),
     "pod_pce": ("left_out_energy", "degree", "hyperbolic_norm", "interaction", "method"),
@@ -37,6 +37,9 @@ _OWN = {
     "kriging_narx": (*_NARX, "degree", "refinements", *_KRIGING),
 }
 """Keys that mean something for a kind, beside those that all have."""
+
+_JOINT_ONLY = ("degree", "horizons", "steps", "refinements")
+_SPARSE_ONLY = ("degree", "hyperbolic_norm", "interaction")
 
 _COMMON = ("kind", "validation", "limit", "outside", "trust")
 
@@ -66,6 +69,7 @@ def surrogate_settings(section: SurrogateSection) -> Settings:
             raise InputError(
                 f"key 'surrogate.{key}'", f"it is given for {kind}", ", ".join(sorted((*_COMMON, *_OWN[kind])))
             )
+    _check_used(given)
     common = {k: getattr(section, k) for k in ("limit", "outside") if getattr(section, k) is not None}
     try:
         return _made(kind, given, common)
@@ -73,8 +77,24 @@ def surrogate_settings(section: SurrogateSection) -> Settings:
         raise InputError(f"table 'surrogate': {error.where}", error.came, error.allowed, error.cure) from None
 
 
+def _check_used(given: dict[str, Any]) -> None:
+    """Refuse keys that another one makes meaningless: nobody should wonder why they change nothing."""
+    for switch, value, unused in (
+        ("training", "per-experiment", _JOINT_ONLY),
+        ("method", "shrinkage", _SPARSE_ONLY),
+    ):
+        for key in unused:
+            if given.get(switch) == value and key in given:
+                raise InputError(
+                    f"key 'surrogate.{key}'", f"it is given with {switch} = '{value}', which does not use it",
+                    f"one of the two: without {', '.join(unused)}, or another {switch}",
+                )  # fmt: skip
+
+
 def _made(kind: str, given: dict[str, Any], common: dict[str, Any]) -> Settings:
     kriging = {k: given.pop(k) for k in _KRIGING if k in given}
+    if kriging.get("trend") == "pce":
+        kriging["trend"] = PCE()
     if kind == "pod_kriging":
         return PODKriging(kriging=Kriging(**kriging), **given, **common)
     if kind == "pod_pce":

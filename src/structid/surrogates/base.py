@@ -364,8 +364,7 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
         raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
     done = runs[runs.done]
     left_out = len(runs) - len(done)
-    if len(done) < fewest:
-        raise InputError(where, f"{len(done)} finished runs and {left_out} others", f"{fewest} finished ones or more")
+    check_enough(where, len(done), f"{len(done)} finished runs and {left_out} others", fewest)
     if not np.isfinite(done.design.values).all():
         raise InputError(where, "parameters that are not finite", "finite numbers")
     spread = np.zeros(len(done.channels))
@@ -381,6 +380,29 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
     if constant:
         raise InputError(where, f"the channel '{constant[0]}', constant in every run", "channels that vary")
     return done, left_out
+
+
+def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) -> None:
+    """Refuse too few runs.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    runs : int
+        How many have finished, or will.
+    came : str
+        What to say of them.
+    fewest : int
+        How many there must be.
+
+    Raises
+    ------
+    InputError
+        If there are fewer.
+    """
+    if runs < fewest:
+        raise InputError(where, came, f"{fewest} finished ones or more")
 
 
 def _known_samples(runs: Runs) -> list[np.ndarray]:

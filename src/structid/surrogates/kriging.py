@@ -21,6 +21,7 @@ from structid.surrogates.correlations import FAMILIES, correlation
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, check_training
 from structid.surrogates.polynomials import PolynomialBasis, multi_indices, namespace
+from structid.surrogates.progress import Steps
 from structid.surrogates.search import quasi_newton
 from structid.surrogates.symmetric import inverse_of, raised_cholesky
 
@@ -92,7 +93,7 @@ class Kriging:
         values : array-like, shape (run,) or (run, output)
             The function's values there.
         progress : callable, optional
-            Told how many outputs are fitted.
+            Told how many steps of the search for correlation lengths are done.
 
         Returns
         -------
@@ -109,23 +110,25 @@ class Kriging:
         if self.nugget == 0.0:
             _check_distinct(theta)
         groups = [np.arange(outputs.shape[1])] if self.shared else [np.array([k]) for k in range(outputs.shape[1])]
-        fitted = []
-        for done, group in enumerate(groups):
-            fitted.append(self._fit_group(design, theta, outputs[:, group], group))
-            if progress is not None:
-                progress(done + 1, len(groups))
+        searches = len(groups) * len(self._forms(theta)) * max(self.starts, 1)
+        tell = Steps(progress, searches * len(_sizes(len(theta))))
+        fitted = [self._fit_group(design, theta, outputs[:, group], group, tell) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
-    def _fit_group(self, design: Design, theta: np.ndarray, outputs: np.ndarray, group: np.ndarray) -> KrigingGroup:
+    def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
+        """Whether the correlation is a product over the parameters: as asked for, or both ways, where they differ."""
+        forms = (False, True) if self.separable is None else (self.separable,)
+        return forms[:1] if self.correlation == "gaussian" or theta.shape[1] == 1 else forms
+
+    def _fit_group(
+        self, design: Design, theta: np.ndarray, outputs: np.ndarray, group: np.ndarray, tell: Steps
+    ) -> KrigingGroup:
         trend = self._trend_basis(design, outputs)
         if len(trend) >= len(theta):
             raise InputError(
                 "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
             )
-        forms = (False, True) if self.separable is None else (self.separable,)
-        if self.correlation == "gaussian" or theta.shape[1] == 1:
-            forms = forms[:1]
-        candidates = [self._fit_form(theta, outputs, group, trend, form) for form in forms]
+        candidates = [self._fit_form(theta, outputs, group, trend, form, tell) for form in self._forms(theta)]
         return min(candidates, key=lambda c: float(np.sum(c.leave_one_out_residuals**2)))
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
@@ -140,13 +143,19 @@ class Kriging:
         return expansion.basis[np.sort(np.argsort(-energy)[:most])]
 
     def _fit_form(
-        self, theta: np.ndarray, outputs: np.ndarray, group: np.ndarray, trend: PolynomialBasis, separable: bool
+        self,
+        theta: np.ndarray,
+        outputs: np.ndarray,
+        group: np.ndarray,
+        trend: PolynomialBasis,
+        separable: bool,
+        tell: Steps,
     ) -> KrigingGroup:
         centre, scale = theta.mean(axis=0), theta.std(axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         data = _Data((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = _Objective(data, self.correlation, separable, self.nugget, self.estimation)
-        best = _search(objective, data, self.starts, np.random.default_rng(self.seed))
+        best = _search(objective, data, self.starts, np.random.default_rng(self.seed), tell)
         try:
             factors = _Factors.of(data, objective.matrix(best), objective.diagonal(best))
         except np.linalg.LinAlgError:
@@ -347,16 +356,22 @@ class _Objective:
         return float(value), -0.5 * len(q) / total * by_inverse
 
 
-def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Generator) -> np.ndarray:
+def _sizes(runs: int) -> list[int]:
+    """Runs that each stage of the search sees: all of them at last, half as many in the stage before, and so on."""
+    sizes = [runs]
+    while sizes[-1] > 2 * SCREENING_POINTS:
+        sizes.append(sizes[-1] // 2)
+    return sizes[::-1]
+
+
+def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Generator, tell: Steps) -> np.ndarray:
     """Differential evolution on part of the design, then quasi-Newton steps on that part, on twice as much, … on all of it.
 
     The curvature found on one part, scaled by the number of runs, starts the next, so that few evaluations see the whole design.
     """
-    sizes = [len(data.points)]
-    while sizes[-1] > 2 * SCREENING_POINTS:
-        sizes.append(sizes[-1] // 2)
     order = rng.permutation(len(data.points))
-    stages = [objective.on(data.some(np.sort(order[:size]))) for size in sizes[:0:-1]] + [objective]
+    parts = _sizes(len(data.points))[:-1]
+    stages = [objective.on(data.some(np.sort(order[:size]))) for size in parts] + [objective]
     screening = objective.on(data.some(np.sort(order[:SCREENING_POINTS])))
     bounds = objective.bounds
     found = scipy.optimize.differential_evolution(
@@ -371,6 +386,7 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
             covariance = covariance * (runs / len(stage.data.points))
             place, covariance, value = quasi_newton(stage, stage.bounds, place, covariance)
             runs = len(stage.data.points)
+            tell()
         if value < lowest:
             best, lowest = place, value
     return np.asarray(best)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
@@ -11,11 +11,13 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress, response_key
+from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, Surrogate, common_step, fitted_range, fitting_runs
+from structid.surrogates.base import Fit, Stopwatch, Surrogate, check_enough, common_step, fitted_range, fitting_runs
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, ChaosExpansion
+from structid.surrogates.progress import Stages
 
 Predictor = ChaosExpansion | KrigingPredictor
 
@@ -41,6 +43,26 @@ class PODKriging:
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
 
+    def __post_init__(self) -> None:
+        _check_energy(self.left_out_energy)
+
+    def check(self, design: Design, records: Sequence[Excitation]) -> None:
+        """Check the settings against runs that are yet to be made.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them, dealt out in turn.
+
+        Raises
+        ------
+        InputError
+            If no surrogate can be fitted to them: too few on each record, or records of different steps.
+        """
+        _check("PODKriging", design, records)
+
     def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
         """Fit to runs on one record or several.
 
@@ -49,7 +71,7 @@ class PODKriging:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Told how many records are done.
+            Told how far the fit is, in hundredths.
 
         Returns
         -------
@@ -77,6 +99,21 @@ class PODPCE:
     limit: float = 1e-2
     outside: Literal["warn", "refuse", "allow"] = "warn"
 
+    def __post_init__(self) -> None:
+        _check_energy(self.left_out_energy)
+
+    def check(self, design: Design, records: Sequence[Excitation]) -> None:
+        """Check the settings against runs that are yet to be made; see `PODKriging.check`.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them, dealt out in turn.
+        """
+        _check("PODPCE", design, records)
+
     def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
         """Fit to runs on one record or several; see `PODKriging.fit`.
 
@@ -85,7 +122,7 @@ class PODPCE:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Told how many records are done.
+            Told how far the fit is, in hundredths.
 
         Returns
         -------
@@ -149,6 +186,17 @@ class RecordFit:
         return self.score_deviation**2 / np.maximum(self.scores.leave_one_out_error, 1e-300)
 
 
+def _check_energy(left_out: float) -> None:
+    if not 0 <= left_out < 1:
+        raise InputError("left_out_energy", f"{left_out}", "a share, 0 or more and below 1")
+
+
+def _check(kind: str, design: Design, records: Sequence[Excitation]) -> None:
+    common_step(f"{kind}.fit", records)
+    fewest = len(design) // len(records)
+    check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")
+
+
 def _fit(
     settings: PODKriging | PODPCE, regression: Kriging | PCE, runs: Runs, progress: Progress | None
 ) -> ResponseSpaceSurrogate:
@@ -158,15 +206,11 @@ def _fit(
     used = _by_record(done)
     excitation, dt = common_step(f"{kind}.fit", [some.records[0] for some in used.values()])
     fits: dict[str, RecordFit] = {}
-    for number, (content_hash, some) in enumerate(used.items()):
-        if len(some) < FEWEST_RUNS:
-            raise InputError(
-                f"{kind}.fit", f"{len(some)} runs on '{some.records[0].name}'", f"{FEWEST_RUNS} or more on each record"
-            )
-        tell = None if progress is None or len(used) > 1 else progress
-        fits[content_hash] = _fit_record(some, regression, settings.left_out_energy, tell)
-        if progress is not None and len(used) > 1:
-            progress(number + 1, len(used))
+    stages = Stages(progress, dict.fromkeys(used, 1.0))
+    for content_hash, some in used.items():
+        check_enough(f"{kind}.fit", len(some), f"{len(some)} runs on '{some.records[0].name}'")
+        fits[content_hash] = _fit_record(some, regression, settings.left_out_energy, stages.of(content_hash))
+        stages.done(content_hash)
     fit = Fit(
         kind, asdict(settings), done.design.space, done.channels, excitation, dt,
         *fitted_range(done.design), len(done), left_out,
@@ -183,7 +227,7 @@ def _by_record(runs: Runs) -> dict[str, Runs]:
     return {hashes[i]: merged.on(int(i)) for i in np.unique(of_run)}
 
 
-def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, progress: Progress | None) -> RecordFit:
+def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, progress: Progress) -> RecordFit:
     record = runs.records[0]
     values = runs.values[:, : len(record)]
     scale = values.std(axis=(0, 1))
@@ -217,8 +261,7 @@ def principal_components(
         Mean (sample,), orthonormal modes (component, sample), scores (run, component), and the standard deviation of what is
         left out (sample,).
     """
-    if not 0 <= left_out_energy < 1:
-        raise InputError("left_out_energy", f"{left_out_energy}", "a share, 0 or more and below 1")
+    _check_energy(left_out_energy)
     mean = table.mean(axis=0)
     left, singular, right = np.linalg.svd(table - mean, full_matrices=False)
     energy = singular**2

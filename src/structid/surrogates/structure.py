@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from structid.errors import InputError
-from structid.ground_motion.excitation import Excitation
 from structid.histories import base_channel
+from structid.models.base import Progress
 from structid.runs import Runs
 from structid.surrogates.lars import least_angle_order, orthogonal_order
 from structid.surrogates.polynomials import namespace
+from structid.surrogates.progress import Steps
 from structid.surrogates.recursion import Recursion
-from structid.surrogates.terms import Memory, Term, as_memories, as_terms, check_signals, hysteretic_terms
+from structid.surrogates.terms import (
+    Memory,
+    Term,
+    as_memories,
+    as_terms,
+    check_signals,
+    displacement_driven_terms,
+    hysteretic_terms,
+)
 from structid.surrogates.training import FreeRun, TrainingSet, joint_solution, robust_loss
 
 FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
@@ -46,6 +56,8 @@ class Experiments:
         Time step [s].
     channels : tuple of str
         Of the outputs.
+    kind : str
+        Of the excitations.
     """
 
     x: np.ndarray
@@ -53,6 +65,7 @@ class Experiments:
     counted: np.ndarray
     dt: float
     channels: tuple[str, ...]
+    kind: str = ""
 
     @classmethod
     def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
@@ -72,64 +85,41 @@ class Experiments:
         Experiments
             The arrays.
         """
-        samples = max(len(runs.records[i]) for i in np.unique(runs.record_of_run))
-        x = np.zeros((len(runs), samples, 1))
+        used = [runs.records[i] for i in runs.record_of_run]
+        samples = max(len(r) + r.dropped_samples for r in used)
+        x = np.zeros((len(runs), samples, used[0].values[:1].size))
         y = np.zeros((len(runs), samples, len(runs.channels)))
         counted = np.zeros((len(runs), samples), dtype=bool)
         values = runs.values
-        for row, number in enumerate(runs.record_of_run):
-            record = runs.records[number]
-            count = len(record)
-            x[row, :count, 0], y[row, :count] = record.values, values[row, :count]
-            counted[row, round(washout / dt) : count] = True
+        for row, record in enumerate(used):
+            # A periodic record's lead-in is not measured, but at its end the response repeats itself as the record does.
+            periods = 1 + record.lead_in_periods
+            end = periods * len(record)
+            x[row, :end] = np.tile(record.values.reshape(len(record), -1), (periods, 1))
+            y[row, :end] = np.tile(values[row, : len(record)], (periods, 1))
+            counted[row, record.dropped_samples + round(washout / dt) : end] = True
         if not counted.any(axis=1).all():
             raise InputError("washout", f"{washout:g} s", "less than the shortest record")
-        return cls(x, y, counted, dt, runs.channels)
+        return cls(x, y, counted, dt, runs.channels, used[0].kind)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several."""
+        return signal_names("x", self.x.shape[2])
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several."""
+        return signal_names("y", len(self.channels))
 
 
-def input_signal(excitation: Excitation, stages: np.ndarray) -> np.ndarray:
-    """Samples of an excitation, its lead-in included, from the stages of an integration with one step a sample.
-
-    Parameters
-    ----------
-    excitation : Excitation
-        Its kind; the values are those of the stages.
-    stages : array, shape (time − 1, 1, 3)
-        From `Excitation.stage_values(1)`.
-
-    Returns
-    -------
-    array, shape (time,)
-        The samples.
-    """
-    numpy = namespace(stages)
-    return numpy.concatenate([stages[:, 0, 0], stages[-1:, 0, 2]])
-
-
-def default_structure(channels: Sequence[str]) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
-    """Terms with a hysteretic memory for every output; several outputs see one another's past.
+def signal_names(letter: str, count: int) -> tuple[str, ...]:
+    """Names of signals in terms: a letter, numbered where there are several.
 
     Parameters
     ----------
-    channels : sequence of str
-        Channels of the outputs: displacements are not integrated, everything else is once.
-
-    Returns
-    -------
-    tuple of tuple
-        Terms of each output, and memories.
-    """
-    names = output_names(len(channels))
-    rates = [base_channel(c) not in ("displacement", "drift", "hysteretic_displacement") for c in channels]
-    terms, memories = hysteretic_terms(names, ("x",), rates)
-    return (terms,) * len(channels), memories
-
-
-def output_names(count: int) -> tuple[str, ...]:
-    """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several.
-
-    Parameters
-    ----------
+    letter : str
+        ``"x"`` or ``"y"``.
     count : int
         How many.
 
@@ -138,12 +128,107 @@ def output_names(count: int) -> tuple[str, ...]:
     tuple of str
         The names.
     """
-    return ("y",) if count == 1 else tuple(f"y{i + 1}" for i in range(count))
+    return (letter,) if count == 1 else tuple(f"{letter}{i + 1}" for i in range(count))
+
+
+def input_signals(stages: Any) -> Any:
+    """Samples of an excitation, its lead-in included, from the stages of an integration with one step a sample.
+
+    Parameters
+    ----------
+    stages : array, shape (time − 1, 1, 3) or (time − 1, 1, 3, input)
+        From `Excitation.stage_values(1)`.
+
+    Returns
+    -------
+    array, shape (time, input)
+        The samples.
+    """
+    steps = stages.reshape(stages.shape[0], 3, -1)
+    return namespace(stages).concatenate([steps[:, 0], steps[-1:, 2]])
+
+
+def default_structure(experiments: Experiments) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
+    """Terms with a hysteretic memory for every output; several outputs see one another's past.
+
+    Velocities are integrated once and accelerations twice, so that the memory is of a displacement; a model that is driven by
+    an imposed displacement remembers that.
+
+    Parameters
+    ----------
+    experiments : Experiments
+        With the kind of the excitation and the channels.
+
+    Returns
+    -------
+    tuple of tuple
+        Terms of each output, and memories.
+    """
+    inputs, outputs = experiments.inputs, experiments.outputs
+    if experiments.kind == "displacement":
+        terms, memories = displacement_driven_terms(outputs, inputs)
+    else:
+        terms, memories = hysteretic_terms(outputs, inputs, [_integrations(c) for c in experiments.channels])
+    return (terms,) * len(outputs), memories
+
+
+def _integrations(channel: str) -> int:
+    """How often a channel is integrated until it is a displacement, by its name."""
+    name = base_channel(channel)
+    return 2 if "accel" in name else 1 if "veloc" in name else 0
+
+
+def structure_of(
+    given: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None,
+    memories: Sequence[Memory | str],
+    experiments: Experiments,
+) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
+    """Terms of each output and memories, as given or by default.
+
+    Parameters
+    ----------
+    given : sequence of Term or str, or mapping of str to such, optional
+        Terms of every output, or of each by its channel; the default structure when left out.
+    memories : sequence of Memory or str
+        Memories, when terms are given.
+    experiments : Experiments
+        Whose signals they are.
+
+    Returns
+    -------
+    tuple of tuple
+        Terms of each output, and memories.
+
+    Raises
+    ------
+    InputError
+        If an output has no terms, or a term names a signal that is not there.
+    """
+    if given is None:
+        if memories:
+            raise InputError(
+                "memories", ", ".join(map(str, memories)), "none without terms", "Say which terms use them."
+            )
+        return default_structure(experiments)
+    channels = experiments.channels
+    if isinstance(given, Mapping):
+        wrong = [c for c in given if c not in channels] or [c for c in channels if c not in given]
+        if wrong:
+            raise InputError(
+                "terms", f"those of {', '.join(given)}", f"those of {', '.join(channels)}, each by its channel"
+            )
+    of_outputs = tuple(as_terms(given[c] if isinstance(given, Mapping) else given) for c in channels)
+    held = as_memories(memories)
+    for terms in of_outputs:
+        check_signals(terms, held, experiments.inputs, experiments.outputs)
+        if not terms:
+            raise InputError("terms", "none", "one term or more")
+    return of_outputs, held
 
 
 def build_recursion(
     experiments: Experiments,
-    terms: Sequence[Term | str] | None,
+    terms: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None,
     memories: Sequence[Memory | str],
 ) -> Recursion:
     """Put a structure and the scales of its signals together.
@@ -152,8 +237,8 @@ def build_recursion(
     ----------
     experiments : Experiments
         What the scales are taken from.
-    terms : sequence of Term or str, optional
-        Terms, the same for every output; the default structure when left out.
+    terms : sequence of Term or str, or mapping of str to such, optional
+        Terms of every output, or of each by its channel; the default structure when left out.
     memories : sequence of Memory or str
         Memories, when terms are given.
 
@@ -162,15 +247,10 @@ def build_recursion(
     Recursion
         The structure.
     """
-    outputs = output_names(len(experiments.channels))
-    if terms is None:
-        of_outputs, held = default_structure(experiments.channels)
-    else:
-        of_outputs, held = (as_terms(terms),) * len(outputs), as_memories(memories)
-        check_signals(of_outputs[0], held, ("x",), outputs)
-    if not of_outputs[0]:
-        raise InputError("terms", "none", "one term or more")
-    signals = {"x": experiments.x[:, :, 0]} | {y: experiments.y[:, :, i] for i, y in enumerate(outputs)}
+    of_outputs, held = structure_of(terms, memories, experiments)
+    inputs, outputs = experiments.inputs, experiments.outputs
+    signals = {x: experiments.x[:, :, i] for i, x in enumerate(inputs)}
+    signals |= {y: experiments.y[:, :, i] for i, y in enumerate(outputs)}
     scales = {name: _scale(signal, experiments.counted) for name, signal in signals.items()}
     for memory in held:
         if memory.kind == "integral":
@@ -183,7 +263,7 @@ def build_recursion(
             signals[memory.name] = signals[memory.of] / scales[memory.of]
             scales[memory.name] = 1.0
     initial = experiments.y[:, 0].mean(axis=0) / np.array([scales[y] for y in outputs])
-    return Recursion(of_outputs, held, ("x",), outputs, experiments.dt, scales, initial)
+    return Recursion(of_outputs, held, inputs, outputs, experiments.dt, scales, initial)
 
 
 def _scale(signal: np.ndarray, counted: np.ndarray) -> float:
@@ -206,12 +286,17 @@ def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
     TrainingSet
         Scaled.
     """
+    x = experiments.x / np.array([recursion.scales[name] for name in recursion.inputs])
     y = experiments.y / np.array([recursion.scales[name] for name in recursion.outputs])
-    return TrainingSet(experiments.x / recursion.scales["x"], y, experiments.counted)
+    return TrainingSet(x, y, experiments.counted)
 
 
 def first_coefficients(
-    runs: FreeRun, features: np.ndarray, data: TrainingSet, ridges: Sequence[float] = RIDGES
+    runs: FreeRun,
+    features: np.ndarray,
+    data: TrainingSet,
+    ridges: Sequence[float] = RIDGES,
+    progress: Progress | None = None,
 ) -> np.ndarray:
     """Joint one-step regression; the hysteresis' shapes and the ridge by the free run of some of the experiments.
 
@@ -225,6 +310,8 @@ def first_coefficients(
         The experiments.
     ridges : sequence of float
         To be tried.
+    progress : callable, optional
+        Told how many have been tried.
 
     Returns
     -------
@@ -234,7 +321,9 @@ def first_coefficients(
     recursion = runs.recursion
     tried = evenly(len(data), TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
-    for shape in FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,):
+    shapes = FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,)
+    tell = Steps(progress, len(shapes) * len(ridges))
+    for shape in shapes:
         vector = constant_shapes(recursion, shape)
         square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
         square, inner = square.sum(axis=1), inner.sum(axis=1)
@@ -244,6 +333,7 @@ def first_coefficients(
             loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
             if loss < lowest:
                 best, lowest = found, loss
+            tell()
     return best
 
 
@@ -285,7 +375,9 @@ def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
     return vector
 
 
-def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None) -> Recursion:
+def select_terms(
+    runs: FreeRun, data: TrainingSet, method: str, most: int | None, progress: Progress | None = None
+) -> Recursion:
     """Choose terms as the thesis does in its first phase, by the free-run error over all experiments (eqs. 2.62 to 2.66).
 
     Each experiment orders the terms by its own one-step regression and so proposes nested sets; each set that is proposed is
@@ -301,6 +393,8 @@ def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None
         How each experiment orders the terms.
     most : int, optional
         Most terms of an output.
+    progress : callable, optional
+        Told how many outputs are done.
 
     Returns
     -------
@@ -319,6 +413,8 @@ def select_terms(runs: FreeRun, data: TrainingSet, method: str, most: int | None
         candidates = _proposed(square[:, output, own, own], inner[:, output, own], method, most or len(terms))
         kept.append(_best_candidate(runs, some, output, own, candidates, square, inner, vector))
         start += len(terms)
+        if progress is not None:
+            progress(output + 1, len(recursion.terms))
     return replace(recursion, terms=tuple(kept))
 
 

@@ -16,7 +16,6 @@ Lagged = tuple[str, int]
 """A signal and by how many samples it lies back: ``("y", 1)`` is y(t−1)."""
 
 _SIGNAL = re.compile(r"\b([A-Za-z]\w*)\(t(?:\s*-\s*(\d+))?\)")
-_BARS = re.compile(r"\|([^|]+)\|")
 _MEMORY = re.compile(r"^\s*(\w+)\s*=\s*(\w+)\s*\(\s*(\w+)\s*\)\s*$")
 _RESERVED = ("t", "pi", "exp", "sin", "cos", "tan", "sqrt", "log", "abs")
 
@@ -48,7 +47,7 @@ class Term:
     def _parsed(self) -> tuple[Any, tuple[str, ...]]:
         where = f"term '{self.text}'"
         plain = _SIGNAL.sub(lambda m: m[0] if m[1] in _RESERVED else f"{m[1]}__{int(m[2] or 0)}", self.text)
-        plain = _BARS.sub(r"abs(\1)", plain).replace("^", "**")
+        plain = _without_bars(plain, where).replace("^", "**")
         function, names = parse_expression(plain, where)
         for name in names:
             if "__" not in name and name not in ("t", "pi"):
@@ -81,6 +80,24 @@ class Term:
 
     def __str__(self) -> str:
         return self.text
+
+
+def _without_bars(text: str, where: str) -> str:
+    """Write |…| as abs(…), nested ones too: a bar closes where an operand has just ended, and opens where one is due."""
+    found, open_bars, operand_ended = "", 0, False
+    for letter in text:
+        if letter == "|":
+            found += ")" if operand_ended else "abs("
+            open_bars += -1 if operand_ended else 1
+        else:
+            found += letter
+            if not letter.isspace():
+                operand_ended = letter.isalnum() or letter in ")."
+        if open_bars < 0:
+            break
+    if open_bars:
+        raise InputError(where, f"'{text}'", "bars in pairs, |…|")
+    return found
 
 
 def _lagged(name: str) -> Lagged:
@@ -324,37 +341,69 @@ def prony_terms(
 
 
 def hysteretic_terms(
-    outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",), rates: Sequence[bool] | None = None
+    outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",), integrations: Sequence[int] | None = None
 ) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
     """Terms with a hysteretic memory: what an oscillator with a hysteretic spring needs, whatever its law.
 
-    Each output gets its integral (unless it is a displacement itself) and a hysteresis of that; the products with |y| and
-    |z| make up for what happens within a step.
+    Each output is integrated until it is a displacement u, and gets a hysteresis z of that; the products with |u'| and |z| make
+    up for what happens within a step.
 
     Parameters
     ----------
     outputs, inputs : sequence of str
         Names of the signals.
-    rates : sequence of bool, optional
-        For each output whether it is a rate (a velocity), to be integrated once; all are, when left out.
+    integrations : sequence of int, optional
+        For each output how often it is integrated: 0 for a displacement, 1 for a velocity (as when left out), 2 for an
+        acceleration.
 
     Returns
     -------
     tuple of tuple
         Terms, and the memories they use.
     """
-    rates = [True] * len(outputs) if rates is None else list(rates)
+    orders = [1] * len(outputs) if integrations is None else list(integrations)
     terms: list[str] = [f for x in inputs for f in _past(x, 0, 3)]
     memories: list[str] = []
-    for number, (y, rate) in enumerate(zip(outputs, rates, strict=True), 1):
+    for number, (y, order) in enumerate(zip(outputs, orders, strict=True), 1):
         tag = "" if len(outputs) == 1 else str(number)
-        u, z = (f"u{tag}", f"z{tag}") if rate else (y, f"z{tag}")
-        memories += [f"{u} = integral({y})"] if rate else []
-        memories += [f"{z} = hysteresis({u})"]
+        # From the output to the displacement: y and what its integrals are called.
+        chain = [y, *([], [f"u{tag}"], [f"v{tag}", f"u{tag}"])[order]]
+        z = f"z{tag}"
+        memories += [f"{integral} = integral({of})" for of, integral in itertools.pairwise(chain)]
+        memories += [f"{z} = hysteresis({chain[-1]})"]
         past, held = _past(y, 1, 3), _past(z, 1, 2)
-        speed = f"|{y}(t-1)|" if rate else f"|{y}(t-1) - {y}(t-2)|"
-        loops = [f"{x}(t){''}" for x in inputs] + [f"{x}(t-1)" for x in inputs]
-        terms += [*past, *([f"{u}(t-1)"] if rate else []), *held]
+        speed = f"|{chain[-2]}(t-1)|" if order else f"|{y}(t-1) - {y}(t-2)|"
+        loops = [f"{x}(t)" for x in inputs] + [f"{x}(t-1)" for x in inputs]
+        terms += [*past, *(f"{integral}(t-1)" for integral in chain[1:]), *held]
         terms += [f"{f}*{speed}" for f in (*past[:2], *held, *loops)]
         terms += [f"{f}*|{z}(t-1)|" for f in past[:2]]
+    return as_terms(terms), as_memories(memories)
+
+
+def displacement_driven_terms(
+    outputs: Sequence[str] = ("y",), inputs: Sequence[str] = ("x",)
+) -> tuple[tuple[Term, ...], tuple[Memory, ...]]:
+    """Terms of a hysteretic spring whose displacement is imposed: the hysteresis is of the input.
+
+    Parameters
+    ----------
+    outputs, inputs : sequence of str
+        Names of the signals.
+
+    Returns
+    -------
+    tuple of tuple
+        Terms, and the memories they use.
+    """
+    terms: list[str] = []
+    memories: list[str] = []
+    for number, x in enumerate(inputs, 1):
+        z = "z" if len(inputs) == 1 else f"z{number}"
+        memories += [f"{z} = hysteresis({x})"]
+        step, held = f"({x}(t) - {x}(t-1))", _past(z, 1, 2)
+        size = f"|{x}(t) - {x}(t-1)|"
+        terms += [*_past(x, 0, 3), *held, size]
+        terms += [f"{z}(t-1)*{size}", f"{step}*|{z}(t-1)|", f"{step}*{z}(t-1)^2", f"{z}(t-1)*|{z}(t-1)|*{size}"]
+        terms += [f"{f}*{size}" for y in outputs for f in _past(y, 1, 1)]
+    terms += [f for y in outputs for f in _past(y, 1, 2)]
     return as_terms(terms), as_memories(memories)
