@@ -8,7 +8,14 @@ import pytest
 import structid as si
 from structid.errors import InputError
 from structid.surrogates.recursion import Recursion
-from structid.surrogates.structure import Experiments, build_recursion, first_coefficients, select_terms, training_set
+from structid.surrogates.structure import (
+    Experiments,
+    Signals,
+    build_recursion,
+    first_coefficients,
+    select_terms,
+    training_set,
+)
 from structid.surrogates.terms import (
     Memory,
     Term,
@@ -82,7 +89,9 @@ def test_generators():
     ],
 )
 def test_a_structure_that_does_not_fit(terms, memories, words):
-    experiments = Experiments(np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, ("velocity",))
+    experiments = Experiments(
+        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, Signals(("x",), ("velocity",))
+    )
     with pytest.raises(InputError, match=words):
         build_recursion(experiments, terms, memories)
 
@@ -208,7 +217,9 @@ def test_selection_finds_the_terms_that_are_there(signals):
     for t in range(1, 300):
         y[:, t] = 0.7 * y[:, t - 1] + 0.5 * signals[:, t] - 0.2 * signals[:, t] * np.abs(y[:, t - 1])
     y += 1e-6 * rng.normal(size=y.shape)
-    experiments = Experiments(signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool), DT, ("velocity",))
+    experiments = Experiments(
+        signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool), DT, Signals(("x",), ("velocity",))
+    )
     recursion = build_recursion(experiments, absolute_terms(2, 2), ())
     for method in ("lars", "orthogonal"):
         kept = select_terms(FreeRun(recursion, 50.0), training_set(experiments, recursion), method, 5)
@@ -400,7 +411,9 @@ def test_bars_that_are_no_pairs():
     ],
 )
 def test_structures_that_say_too_little(settings, words):
-    experiments = Experiments(np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, ("velocity",))
+    experiments = Experiments(
+        np.ones((1, 9, 1)), np.ones((1, 9, 1)), np.ones((1, 9), dtype=bool), DT, Signals(("x",), ("velocity",))
+    )
     with pytest.raises(InputError, match=words):
         build_recursion(experiments, settings.get("terms"), settings.get("memories", ()))
 
@@ -409,11 +422,11 @@ def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_
     space = si.ParameterSpace(a=si.Uniform(0, 1), b=si.Uniform(0, 1))
     record = si.GroundMotion.synthetic(seed=1)
     with pytest.raises(InputError, match=r"18 runs.*10 chaos terms.*20 runs or more"):
-        si.PCNARX().check(space.sample(20, seed=1), [record])
-    si.PCNARX(training="per-experiment").check(space.sample(20, seed=1), [record])
+        si.PCNARX().check(space.sample(20, seed=1), [record], ("velocity",))
+    si.PCNARX(training="per-experiment").check(space.sample(20, seed=1), [record], ("velocity",))
     coarse = si.GroundMotion(record.values[::2], 2 * record.dt)
     for settings in (si.PCNARX(), si.PODKriging(), si.PODPCE()):
         with pytest.raises(InputError, match="one kind and one step"):
-            settings.check(space.sample(100, seed=1), [record, coarse])
+            settings.check(space.sample(100, seed=1), [record, coarse], ("velocity",))
     with pytest.raises(InputError, match="9 runs on each of 2 records"):
-        si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)])
+        si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)], ("velocity",))

@@ -10,6 +10,7 @@ from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from structid.study.schema import SurrogateSection
 from structid.study.surrogate import KINDS, surrogate_settings
+from structid.surrogates.pce import PCE
 
 STUDY = (
     cli.template("bouc_wen")
@@ -82,6 +83,7 @@ def test_a_surrogate_past_its_limit_is_not_sampled(tmp_path):
         ("terms = ['y(t-1)']", "key 'surrogate.terms': it is given for pod_kriging.*left_out_energy"),
         ("correlation = 'cubic'", "surrogate.correlation.*'cubic'.*matern52"),
         ("nugget = -1.0", "surrogate.*nugget"),
+        ("left_out_energy = 2.0", "surrogate.*left_out_energy.*below 1"),
         ("degre = 3", "unknown key.*'degree'"),
     ],
 )
@@ -90,11 +92,32 @@ def test_a_mistake_in_the_table(more, words_of_the_error, tmp_path):
         load(written(tmp_path, words("pod_kriging", more)))
 
 
+@pytest.mark.parametrize(
+    ("kind", "more", "words_of_the_error"),
+    [
+        ("pc_narx", "degree = 4", r"72 runs.*degree 4.*140 runs or more"),
+        ("pc_narx", "training = 'per-experiment'\ndegree = 2", "surrogate.degree.*does not use it"),
+        ("pod_pce", "method = 'shrinkage'\ndegree = 2", "surrogate.degree.*does not use it"),
+        ("kriging_narx", "horizons = [0]", "horizons.*1 or more"),
+        ("pc_narx", "terms = {acceleration = ['x(t)']}", "acceleration.*velocity"),
+    ],
+)
+def test_what_fitting_would_refuse_is_said_before_any_run(kind, more, words_of_the_error, tmp_path):
+    with pytest.raises(InputError, match=words_of_the_error):
+        load(written(tmp_path, words(kind, more)))
+
+
 def test_settings_reach_the_surrogate():
     settings = surrogate_settings(
         SurrogateSection(kind="kriging_narx", degree=2, correlation="matern32", terms=("x(t)", "y(t-1)"))
     )
     assert settings.degree == 2 and settings.kriging.correlation == "matern32" and settings.terms == ("x(t)", "y(t-1)")
     assert settings.kriging.nugget == "estimate"
+    further = surrogate_settings(
+        SurrogateSection(kind="pc_narx", washout=2.0, horizons=(4, 16), terms={"velocity": ("x(t)", "y(t-1)")})
+    )
+    assert further.washout == 2.0 and further.horizons == (4, 16) and further.terms["velocity"] == ("x(t)", "y(t-1)")
+    kriging = surrogate_settings(SurrogateSection(kind="pod_kriging", starts=3, trend="pce")).kriging
+    assert kriging.starts == 3 and isinstance(kriging.trend, PCE)
     assert surrogate_settings(SurrogateSection(kind="pod_pce", degree=4)).pce.method == "sparse"
     assert surrogate_settings(SurrogateSection(kind="pod_pce")).pce.method == "shrinkage"

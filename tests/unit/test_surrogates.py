@@ -245,9 +245,51 @@ def test_several_records_and_channels(space, record, other_record):
     runs = si.Campaign(model, [record, other_record], both, assignment="cycle").run()
     unseen = si.Campaign(model, [record, other_record], space.sample(40, seed=2), assignment="cycle").run()
     for settings, limit in ((si.PODKriging(), 1e-3), (si.PCNARX(degree=2, steps=6), 2e-2)):
-        validation = settings.fit(runs).validate(unseen)
+        surrogate = settings.fit(runs)
+        validation = surrogate.validate(unseen)
         print(validation)
         assert validation.mean < limit and set(validation.per_channel) == {"velocity", "displacement"}
+        if isinstance(settings, si.PODKriging):
+            _same_density_by_scores_and_by_histories(surrogate, unseen, (record, other_record))
+
+
+def _same_density_by_scores_and_by_histories(surrogate, unseen, records):
+    """Two channels of one record and one of another: the misfit in the space of the scores is that of the histories."""
+    channels = surrogate.channels
+    first, second = (unseen.on(i).values[0] for i in (0, 1))
+    observations = [
+        si.Observation(records[0], first, channels=channels),
+        si.Observation(records[1], second[:, 1], channels=channels[1:]),
+    ]
+    discrepancy = si.IID(variance={"velocity": 1e-3, "displacement": 1e-6})
+    density = si.Posterior(surrogate.space, surrogate, observations, discrepancy)
+    points = surrogate.space.sample(6, seed=9).values
+    predicted = [surrogate.simulate(points, r).values for r in records]
+    misfits = [
+        np.sum((predicted[0] - first) ** 2, axis=1) / [1e-3, 1e-6],
+        np.sum((predicted[1][:, :, 1:] - second[:, 1:]) ** 2, axis=1) / 1e-6,
+    ]
+    by_hand = -0.5 * sum(m.sum(axis=1) for m in misfits) + surrogate.space.log_density(points)
+    found = density.log_density(points)
+    np.testing.assert_allclose(found - found[0], by_hand - by_hand[0], rtol=1e-6)
+
+
+def test_correlated_and_derived_parameters_and_records_of_different_lengths(record, other_record):
+    space = si.ParameterSpace(
+        stiffness=si.Normal(7.42, 0.5, low=5.0, high=10.0, unit="kN/mm"),
+        gamma_ratio=si.Uniform(-0.5, 1.0),
+        derived={"gamma": "gamma_ratio * 60"},
+        correlation={("stiffness", "gamma_ratio"): 0.7},
+    )
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=("stiffness", "gamma"))
+    records = [record, other_record.trim(0.0, 4.0)]
+    both = lambda design: si.Design(np.repeat(design.values, 2, axis=0), space)  # noqa: E731
+    runs = si.Campaign(model, records, both(space.sample(80, seed=1, widen=1.4)), assignment="cycle").run()
+    unseen = si.Campaign(model, records, both(space.sample(20, seed=2)), assignment="cycle").run()
+    assert len({len(r) for r in runs.records}) == 2
+    for settings in (si.PODKriging(), si.PODPCE(), si.PCNARX(degree=2, steps=6)):
+        surrogate = settings.fit(runs)
+        assert surrogate.validate(unseen).mean < 2e-3 and len(surrogate.validation.errors) == 40
 
 
 def test_a_validation_figure(fitted, unseen, tmp_path):
@@ -272,12 +314,12 @@ def test_a_figure_of_coefficients(fitted, unseen, tmp_path):
 
 
 def test_progress_is_told(runs):
-    told = []
-    si.PCNARX(degree=2, steps=5).fit(runs, progress=lambda done, of: told.append((done, of)))
-    assert told and all(of == 5 and done <= 5 for done, of in told)
-    told.clear()
-    si.PODKriging().fit(runs, progress=lambda done, of: told.append((done, of)))
-    assert told[-1][0] == told[-1][1]
+    for settings in (si.KrigingNARX(degree=1, steps=5), si.PODKriging(), si.PODPCE()):
+        told = []
+        settings.fit(runs, progress=lambda done, of: told.append((done, of)))  # noqa: B023
+        assert {of for _, of in told} == {100} and told[-1][0] == 100
+        assert [done for done, _ in told] == sorted(done for done, _ in told)
+        assert len({done for done, _ in told}) > (10 if "NARX" in type(settings).__name__ else 0)
 
 
 def test_nothing_is_said_where_all_is_well(fitted, space, record):

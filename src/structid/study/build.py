@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,7 +32,6 @@ from structid.study.schema import (
     PriorSection,
     RecordSection,
     StudyFile,
-    SurrogateSection,
     VirtualSection,
 )
 from structid.study.surrogate import surrogate_settings
@@ -249,7 +248,7 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "Say what to calibrate, or what to run.",
         )
     if study.campaign is not None and study.has_surrogate:
-        _check_surrogate(study.file.surrogate, study.campaign, study.campaign_records)
+        _check_surrogate(study, study.campaign)
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
@@ -261,15 +260,14 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
         region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
 
 
-def _check_surrogate(section: SurrogateSection, design: Design, records: Sequence[GroundMotion]) -> None:
+def _check_surrogate(study: BuiltStudy, design: Design) -> None:
     """What fitting would refuse, said before hours of true runs."""
-    settings = surrogate_settings(section)
+    settings = surrogate_settings(study.file.surrogate)
     try:
-        settings.check(design, records)
+        settings.check(design, study.campaign_records, study.model.channels)
     except InputError as error:
-        raise InputError(
-            f"tables 'surrogate' and 'campaign': {error.where}", error.came, error.allowed, error.cure
-        ) from None
+        where = f"tables 'surrogate' and 'campaign': {error.where}"
+        raise InputError(where, error.came, error.allowed, error.cure) from None
 
 
 def _campaign(

@@ -18,6 +18,7 @@ from structid.surrogates.kriging import Kriging
 from structid.surrogates.narx_fitting import NARXFit, check_terms_of_chaos, held_out_rows
 from structid.surrogates.parametric_narx import ParametricNARX
 from structid.surrogates.pce import PCE
+from structid.surrogates.structure import Signals, structure_of
 from structid.surrogates.terms import Memory, Term, as_memories, as_terms
 
 
@@ -89,7 +90,7 @@ class NARXSettings:
             as_terms(terms)
         as_memories(self.memories)
 
-    def check(self, design: Design, records: Sequence[Excitation]) -> None:
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made.
 
         Parameters
@@ -98,14 +99,17 @@ class NARXSettings:
             Their points.
         records : sequence of Excitation
             What will drive them.
+        channels : sequence of str
+            What they will return.
 
         Raises
         ------
         InputError
-            If no surrogate can be fitted to them: too few for the degree, or records of different steps.
+            If no surrogate can be fitted to them: too few for the degree, records of different steps, terms of other signals.
         """
         kind = type(self).__name__
         common_step(f"{kind}.fit", records)
+        structure_of(self.terms, self.memories, Signals.of(records[0], channels))
         check_enough(f"{kind}.fit", len(design), f"{len(design)} runs")
         if self.training == "joint":
             fitted, _ = held_out_rows(len(design), self.held_out, self.seed)

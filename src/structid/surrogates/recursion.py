@@ -15,7 +15,7 @@ State = dict[str, tuple[Any, ...]]
 """For every output and memory its values at t−1, t−2, …, each of shape (run,)."""
 
 UNROLLED = 4
-"""Steps of the recursion in one turn of XLA's loop, whose overhead is of the size of a step."""
+"""Steps of the recursion in one turn of XLA's loop, whose overhead is of the size of a step of 50 runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ class Recursion:
         copies = [x if k == 0 else jnp.concatenate([jnp.zeros_like(x[:k]), x[:-k]]) for k in range(deepest + 1)]
         return jnp.stack(copies, axis=2)
 
-    def free_run(self, coefficients: Any, x: Any, bound: float) -> Any:
+    def free_run(self, coefficients: Any, x: Any, bound: float, unrolled: int = UNROLLED) -> Any:
         """Simulate from the model's own past.
 
         Parameters
@@ -209,6 +209,8 @@ class Recursion:
             Scaled inputs.
         bound : float
             Outputs are kept within ± this, so that a run that diverges stays a number.
+        unrolled : int
+            Steps in one turn of XLA's loop.
 
         Returns
         -------
@@ -229,7 +231,7 @@ class Recursion:
 
         times = jnp.arange(x.shape[0]) * self.dt
         series = (self.windows(x)[1:], times[1:])
-        end, all_but_last = jax.lax.scan(step, self.at_rest(coefficients[0]), series, unroll=UNROLLED)
+        end, all_but_last = jax.lax.scan(step, self.at_rest(coefficients[0]), series, unroll=unrolled)
         return jnp.concatenate([all_but_last, self._last(end)[None]])
 
     def _last(self, state: State) -> Any:
@@ -238,7 +240,9 @@ class Recursion:
 
         return jnp.stack([state[y][0] for y in self.outputs])
 
-    def multi_step(self, coefficients: Any, x: Any, y: Any, horizon: int, bound: float) -> Any:
+    def multi_step(
+        self, coefficients: Any, x: Any, y: Any, horizon: int, bound: float, unrolled: int = UNROLLED
+    ) -> Any:
         """Simulate, starting again from the measured past every `horizon` samples.
 
         Parameters
@@ -253,6 +257,8 @@ class Recursion:
             Samples between two starts; 1 is one step ahead.
         bound : float
             Outputs are kept within ± this.
+        unrolled : int
+            Steps in one turn of XLA's loop.
 
         Returns
         -------
@@ -275,7 +281,7 @@ class Recursion:
         start = self._from_measured(y)
         numbers = jnp.arange(x.shape[0])
         series = (self.windows(x)[1:], y[1:], numbers[1:] * self.dt, (numbers[1:] - 1) % horizon == 0)
-        _, rest = jax.lax.scan(step, (start, start), series, unroll=UNROLLED)
+        _, rest = jax.lax.scan(step, (start, start), series, unroll=unrolled)
         return jnp.concatenate([y[:1], rest])
 
     def _from_measured(self, y: Any) -> State:

@@ -46,7 +46,7 @@ class PODKriging:
     def __post_init__(self) -> None:
         _check_energy(self.left_out_energy)
 
-    def check(self, design: Design, records: Sequence[Excitation]) -> None:
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made.
 
         Parameters
@@ -55,6 +55,8 @@ class PODKriging:
             Their points.
         records : sequence of Excitation
             What will drive them, dealt out in turn.
+        channels : sequence of str
+            What they will return; any will do.
 
         Raises
         ------
@@ -102,7 +104,7 @@ class PODPCE:
     def __post_init__(self) -> None:
         _check_energy(self.left_out_energy)
 
-    def check(self, design: Design, records: Sequence[Excitation]) -> None:
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made; see `PODKriging.check`.
 
         Parameters
@@ -111,6 +113,8 @@ class PODPCE:
             Their points.
         records : sequence of Excitation
             What will drive them, dealt out in turn.
+        channels : sequence of str
+            What they will return; any will do.
         """
         _check("PODPCE", design, records)
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
 from structid.histories import base_channel
 from structid.models.base import Progress
 from structid.runs import Runs
@@ -40,6 +41,53 @@ MOST_CANDIDATES = 60
 """Sets of terms that are compared by their free runs at most."""
 
 
+@dataclass(frozen=True)
+class Signals:
+    """What the inputs and outputs of a NARX are.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several.
+    channels : tuple of str
+        Channels of the outputs.
+    kind : str
+        Of the excitations.
+    """
+
+    inputs: tuple[str, ...]
+    channels: tuple[str, ...]
+    kind: str = ""
+
+    @classmethod
+    def of(cls, excitation: Excitation, channels: Sequence[str]) -> Signals:
+        """Name the signals of an excitation and a response.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            One of those that drive.
+        channels : sequence of str
+            Of the response.
+
+        Returns
+        -------
+        Signals
+            Their names.
+        """
+        count = excitation.values[:1].size
+        return cls(_names("x", count), tuple(channels), excitation.kind)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several."""
+        return _names("y", len(self.channels))
+
+
+def _names(letter: str, count: int) -> tuple[str, ...]:
+    return (letter,) if count == 1 else tuple(f"{letter}{i + 1}" for i in range(count))
+
+
 @dataclass(frozen=True, eq=False)
 class Experiments:
     """Runs as a NARX sees them.
@@ -54,18 +102,15 @@ class Experiments:
         Samples of the record.
     dt : float
         Time step [s].
-    channels : tuple of str
-        Of the outputs.
-    kind : str
-        Of the excitations.
+    signals : Signals
+        What they are called.
     """
 
     x: np.ndarray
     y: np.ndarray
     counted: np.ndarray
     dt: float
-    channels: tuple[str, ...]
-    kind: str = ""
+    signals: Signals
 
     @classmethod
     def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
@@ -100,35 +145,7 @@ class Experiments:
             counted[row, record.dropped_samples + round(washout / dt) : end] = True
         if not counted.any(axis=1).all():
             raise InputError("washout", f"{washout:g} s", "less than the shortest record")
-        return cls(x, y, counted, dt, runs.channels, used[0].kind)
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several."""
-        return signal_names("x", self.x.shape[2])
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several."""
-        return signal_names("y", len(self.channels))
-
-
-def signal_names(letter: str, count: int) -> tuple[str, ...]:
-    """Names of signals in terms: a letter, numbered where there are several.
-
-    Parameters
-    ----------
-    letter : str
-        ``"x"`` or ``"y"``.
-    count : int
-        How many.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-    """
-    return (letter,) if count == 1 else tuple(f"{letter}{i + 1}" for i in range(count))
+        return cls(x, y, counted, dt, Signals.of(used[0], runs.channels))
 
 
 def input_signals(stages: Any) -> Any:
@@ -148,7 +165,7 @@ def input_signals(stages: Any) -> Any:
     return namespace(stages).concatenate([steps[:, 0], steps[-1:, 2]])
 
 
-def default_structure(experiments: Experiments) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
+def default_structure(signals: Signals) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
     """Terms with a hysteretic memory for every output; several outputs see one another's past.
 
     Velocities are integrated once and accelerations twice, so that the memory is of a displacement; a model that is driven by
@@ -156,7 +173,7 @@ def default_structure(experiments: Experiments) -> tuple[tuple[tuple[Term, ...],
 
     Parameters
     ----------
-    experiments : Experiments
+    signals : Signals
         With the kind of the excitation and the channels.
 
     Returns
@@ -164,12 +181,12 @@ def default_structure(experiments: Experiments) -> tuple[tuple[tuple[Term, ...],
     tuple of tuple
         Terms of each output, and memories.
     """
-    inputs, outputs = experiments.inputs, experiments.outputs
-    if experiments.kind == "displacement":
-        terms, memories = displacement_driven_terms(outputs, inputs)
+    if signals.kind == "displacement":
+        terms, memories = displacement_driven_terms(signals.outputs, signals.inputs)
     else:
-        terms, memories = hysteretic_terms(outputs, inputs, [_integrations(c) for c in experiments.channels])
-    return (terms,) * len(outputs), memories
+        orders = [_integrations(c) for c in signals.channels]
+        terms, memories = hysteretic_terms(signals.outputs, signals.inputs, orders)
+    return (terms,) * len(signals.channels), memories
 
 
 def _integrations(channel: str) -> int:
@@ -181,7 +198,7 @@ def _integrations(channel: str) -> int:
 def structure_of(
     given: Sequence[Term | str] | Mapping[str, Sequence[Term | str]] | None,
     memories: Sequence[Memory | str],
-    experiments: Experiments,
+    signals: Signals,
 ) -> tuple[tuple[tuple[Term, ...], ...], tuple[Memory, ...]]:
     """Terms of each output and memories, as given or by default.
 
@@ -191,8 +208,8 @@ def structure_of(
         Terms of every output, or of each by its channel; the default structure when left out.
     memories : sequence of Memory or str
         Memories, when terms are given.
-    experiments : Experiments
-        Whose signals they are.
+    signals : Signals
+        The signals they may use.
 
     Returns
     -------
@@ -209,8 +226,8 @@ def structure_of(
             raise InputError(
                 "memories", ", ".join(map(str, memories)), "none without terms", "Say which terms use them."
             )
-        return default_structure(experiments)
-    channels = experiments.channels
+        return default_structure(signals)
+    channels = signals.channels
     if isinstance(given, Mapping):
         wrong = [c for c in given if c not in channels] or [c for c in channels if c not in given]
         if wrong:
@@ -220,7 +237,7 @@ def structure_of(
     of_outputs = tuple(as_terms(given[c] if isinstance(given, Mapping) else given) for c in channels)
     held = as_memories(memories)
     for terms in of_outputs:
-        check_signals(terms, held, experiments.inputs, experiments.outputs)
+        check_signals(terms, held, signals.inputs, signals.outputs)
         if not terms:
             raise InputError("terms", "none", "one term or more")
     return of_outputs, held
@@ -247,8 +264,8 @@ def build_recursion(
     Recursion
         The structure.
     """
-    of_outputs, held = structure_of(terms, memories, experiments)
-    inputs, outputs = experiments.inputs, experiments.outputs
+    of_outputs, held = structure_of(terms, memories, experiments.signals)
+    inputs, outputs = experiments.signals.inputs, experiments.signals.outputs
     signals = {x: experiments.x[:, :, i] for i, x in enumerate(inputs)}
     signals |= {y: experiments.y[:, :, i] for i, y in enumerate(outputs)}
     scales = {name: _scale(signal, experiments.counted) for name, signal in signals.items()}

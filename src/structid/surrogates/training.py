@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from structid.models.base import Progress
-from structid.surrogates.recursion import Recursion
+from structid.surrogates.recursion import UNROLLED, Recursion
 
 CHUNK = 64
 """Runs whose sensitivities are in memory at once; always as many, so that they are compiled once."""
@@ -105,10 +105,10 @@ class FreeRun:
             cache[kind, samples] = over_runs(lambda rows: body(*self._split(rows, samples)))
         return cache[kind, samples]
 
-    def _run(self, coefficients: Any, x: Any, y: Any) -> Any:
+    def _run(self, coefficients: Any, x: Any, y: Any, unrolled: int = UNROLLED) -> Any:
         if self.horizon is None:
-            return self.recursion.free_run(coefficients, x, self.bound)
-        return self.recursion.multi_step(coefficients, x, y, self.horizon, self.bound)
+            return self.recursion.free_run(coefficients, x, self.bound, unrolled)
+        return self.recursion.multi_step(coefficients, x, y, self.horizon, self.bound, unrolled)
 
     def _outputs(self, coefficients: Any, x: Any, y: Any, counted: Any) -> Any:
         from structid.device import jnp
@@ -135,7 +135,8 @@ class FreeRun:
 
         def along(direction: Any) -> Any:
             tangent = jnp.broadcast_to(direction[:, None], coefficients.shape) + coefficients * 0.0
-            return jax.jvp(lambda c: self._run(c, x, y), (coefficients,), (tangent,))[1]
+            # A step with all its sensitivities is long: unrolled it would take two to ten times as long to run and to compile.
+            return jax.jvp(lambda c: self._run(c, x, y, unrolled=1), (coefficients,), (tangent,))[1]
 
         sensitivity = jax.vmap(along)(jnp.eye(self.recursion.size)) * (counted[:, None] > 0)
         square = jnp.einsum("itok,jtok->koij", sensitivity, sensitivity)
