@@ -14,7 +14,7 @@ from structid.surrogates.terms import Memory, Term
 State = dict[str, tuple[Any, ...]]
 """For every output and memory its values at t−1, t−2, …, each of shape (run,)."""
 
-UNROLLED = 4
+UNROLLED = 8
 """Steps of the recursion in one turn of XLA's loop, whose overhead is of the size of a step of 50 runs."""
 
 
