@@ -13,6 +13,7 @@ _PUBLIC = {
     "BoucWen": "models.bouc_wen",
     "CallableModel": "models.external",
     "Campaign": "campaign.runner",
+    "Certificate": "inference.certificate",
     "CombinedExcitation": "ground_motion.excitation",
     "Design": "probability.space",
     "DisplacementHistory": "ground_motion.excitation",
@@ -33,6 +34,8 @@ _PUBLIC = {
     "Posterior": "inference.posterior",
     "ProgramModel": "models.program",
     "Runs": "runs",
+    "Plan": "calibration.sequential",
+    "SMC": "inference.tempered",
     "SamplingResult": "inference.result",
     "ShearFrame": "models.shear_frame",
     "SolverError": "models.external",
@@ -53,6 +56,7 @@ _PUBLIC = {
     "Memory": "surrogates.terms",
     "load_surrogate": "surrogates.storage",
     "open_runs": "campaign.store",
+    "calibrate": "calibration.sequential",
     "sample": "inference.sampling",
 }
 

@@ -112,6 +112,11 @@ class Histories:
         ):
             object.__setattr__(self, name, value)
 
+    def __repr__(self) -> str:
+        runs, samples, _ = self.values.shape
+        on = f" on {self.excitation}" if self.excitation else ""
+        return f"Histories of {runs} runs, {int(self.done.sum())} done, {samples} samples of {', '.join(self.channels)}{on}"
+
     def __len__(self) -> int:
         return self.values.shape[0]
 

@@ -227,6 +227,20 @@ class Runs:
             path=None,
         )
 
+    def __add__(self, more: Runs) -> Runs:
+        """These runs and then others of the same model, space and records, all in memory."""
+        if self.channels != more.channels or [r.content_hash for r in self.records] != [
+            r.content_hash for r in more.records
+        ]:
+            raise InputError("Runs + Runs", "runs with other channels or records", "runs of the same campaign")
+        both: dict[str, Any] = {
+            name: np.concatenate([getattr(self, name), getattr(more, name)])
+            for name in ("status", "record_of_run", "failure_time", "seconds", "attempts", "finished")
+        }
+        values = InMemory(np.concatenate([self.values, more.values]))
+        design, reasons = self.design + more.design, self.reasons + more.reasons
+        return replace(self, design=design, stored=values, reasons=reasons, path=None, **both)
+
     def on(self, record: int | str) -> Runs:
         """Return the runs driven by one record.
 

@@ -60,6 +60,7 @@ def test_a_term_says_what_it_means(text, value):
         ("x(t-1) if y(t-1) else 2", "term"),
         ("sinh(x(t))", "sinh"),
         ("x(t-1", "arithmetic expression"),
+        ("y(t+1)", r"'y\(t\+1\)'.*y\(t-1\) or earlier"),
     ],
 )
 def test_a_term_that_cannot_be_read(text, words):
@@ -255,6 +256,8 @@ def test_narx_of_one_measured_system():
     assert surrogate.free == ()
     predicted = surrogate.simulate(np.zeros((1, 0)), forces[1]).values[0, :, 0]
     assert np.mean((predicted - responses[1]) ** 2) / responses[1].var() < 1e-6
+    with pytest.raises(InputError, match=r"1 values that are not finite.*repair the measurement"):
+        si.NARX(terms=terms).fit(forces[0], np.where(np.arange(len(responses[0])) == 5, np.nan, responses[0]))
     with pytest.raises(InputError, match="a response of shape"):
         si.NARX(terms=terms).fit(forces[0], responses[0][:-1])
 
@@ -329,6 +332,8 @@ def test_several_inputs_are_kept_with_their_runs_and_their_surrogate(two_forces,
     oscillator = si.BoucWen(mass=2.0, damping_ratio=0.05, stiffness=2000.0, alpha=1.0, beta=1.0, gamma=0.0)
     with pytest.raises(InputError, match="2 signals at once"):
         oscillator.simulate(np.zeros((1, 0)), excitation)
+    with pytest.raises(InputError, match=r"one list: CombinedExcitation"):
+        si.CombinedExcitation(single, single)
     with pytest.raises(InputError, match="agree in all of these"):
         si.CombinedExcitation((single, si.ForceHistory(single.values, 2 * DT)))
 

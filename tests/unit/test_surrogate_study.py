@@ -80,11 +80,12 @@ def test_a_surrogate_past_its_limit_is_not_sampled(tmp_path):
 @pytest.mark.parametrize(
     ("more", "words_of_the_error"),
     [
-        ("terms = ['y(t-1)']", "key 'surrogate.terms': it is given for pod_kriging.*left_out_energy"),
+        ("terms = ['y(t-1)']", "key 'surrogate.terms': a key that pod_kriging does not know.*left_out_energy"),
         ("correlation = 'cubic'", "surrogate.correlation.*'cubic'.*matern52"),
         ("nugget = -1.0", "surrogate.*nugget"),
         ("left_out_energy = 2.0", "surrogate.*left_out_energy.*below 1"),
         ("degre = 3", "unknown key.*'degree'"),
+        ("type = 'pod_pce'", "surrogate.type.*an unknown key"),
     ],
 )
 def test_a_mistake_in_the_table(more, words_of_the_error, tmp_path):
@@ -99,6 +100,8 @@ def test_a_mistake_in_the_table(more, words_of_the_error, tmp_path):
         ("pc_narx", "training = 'per-experiment'\ndegree = 2", "surrogate.degree.*does not use it"),
         ("pod_pce", "method = 'shrinkage'\ndegree = 2", "surrogate.degree.*does not use it"),
         ("kriging_narx", "horizons = [0]", "horizons.*1 or more"),
+        ("pod_pce", "method = 'ols'\ndegree = 9", "80 runs for a basis of .* terms"),
+        ("none", "degree = 3", "surrogate.degree.*kind = 'none'"),
         ("pc_narx", "terms = {acceleration = ['x(t)']}", "acceleration.*velocity"),
     ],
 )

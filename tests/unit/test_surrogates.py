@@ -126,6 +126,37 @@ def test_gradients_go_through_it(surrogate, record, space):
         np.testing.assert_allclose(slope[j], difference, rtol=2e-3)
 
 
+def test_its_own_runs_do_not_validate_it(surrogate, runs, unseen):
+    with pytest.raises(InputError, match="80 of the runs it was fitted to"):
+        surrogate.validate(runs)
+    with pytest.raises(InputError, match="1 of the runs it was fitted to"):
+        surrogate.validate(unseen + runs[:1])
+
+
+def test_points_that_are_no_numbers(surrogate, record):
+    with pytest.raises(InputError, match="1 points that are not finite"):
+        surrogate.simulate(np.array([[np.nan, 0.2], [7e6, 0.2]]), record)
+
+
+def test_a_stronger_record_is_warned_of(fitted, space, record):
+    strong = record.scale_to_pga(4.5)
+    with pytest.warns(StructidWarning, match="1.5 times as strong"):
+        fitted["PCNARX"].simulate(space.sample(3, seed=6), strong)
+
+
+def test_a_posterior_warns_of_a_surrogate_too_coarse_for_its_data(fitted, model, space, record):
+    rng = np.random.default_rng(5)
+    truth = model.simulate(np.array([[7.2e6, 0.3]]), record).values[0, :, 0]
+    settings = si.SMC(particles=60, steps=10, effective_share=0.3, correlation=0.6)
+
+    def warned(noise):
+        measured = si.Observation(record, truth + noise * truth.std() * rng.normal(size=truth.shape))
+        verdict = si.sample(si.Posterior(space, fitted["PCNARX"], measured), settings, seed=1).verdict()
+        return any("surrogate's own error" in w for w in verdict.warnings)
+
+    assert warned(1e-3) and not warned(0.3)
+
+
 def test_it_is_saved_and_read_to_the_same_bits(surrogate, unseen, space, record, tmp_path):
     surrogate.validate(unseen)
     again = load_surrogate(surrogate.save(tmp_path / "surrogate.h5"))

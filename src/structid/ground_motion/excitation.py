@@ -217,7 +217,9 @@ class CombinedExcitation(Excitation):
     parts: tuple[Excitation, ...]
 
     def __init__(self, parts: Sequence[Excitation], name: str = "") -> None:
-        own = tuple(parts)
+        own = (parts,) if isinstance(parts, Excitation) else tuple(parts)
+        if not isinstance(name, str):
+            raise InputError("CombinedExcitation", "several arguments", "one list: CombinedExcitation([first, second])")
         for part in own:
             if type(part) is CombinedExcitation or not isinstance(part, Excitation):
                 raise InputError("CombinedExcitation", f"a {type(part).__name__}", "GroundMotion, ForceHistory, …")

@@ -12,8 +12,6 @@ R_HAT_LIMIT = 1.01
 """Largest R-hat of a converged run (Vehtari et al. 2021)."""
 EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
-LENGTH_LIMIT = 50
-"""Kept steps, in autocorrelation times, of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 BOUND_WIDTH = 0.02
@@ -220,7 +218,7 @@ class Verdict:
 
 
 def convergence_failures(
-    parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int
+    parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int, needed_length: float
 ) -> list[str]:
     """What speaks against convergence.
 
@@ -230,6 +228,8 @@ def convergence_failures(
         The figures.
     kept_steps, ensembles, stuck : int
         Kept steps, independent ensembles, stuck walkers.
+    needed_length : float
+        Kept steps, in autocorrelation times, of a converged run of the sampler.
 
     Returns
     -------
@@ -244,10 +244,10 @@ def convergence_failures(
         if not worst.r_hat < R_HAT_LIMIT:
             failures.append(f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree")
     name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
-    if not kept_steps >= LENGTH_LIMIT * slowest.autocorrelation_time:
+    if not kept_steps >= needed_length * slowest.autocorrelation_time:
         failures.append(
             f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.0f} autocorrelation times of {name} "
-            f"(τ = {slowest.autocorrelation_time:.0f} steps), not {LENGTH_LIMIT}"
+            f"(τ = {slowest.autocorrelation_time:.0f} steps), not {needed_length:g}"
         )
     for kind in ("bulk", "tail"):
         sizes = {n: getattr(p, f"{kind}_size") for n, p in parameters.items()}

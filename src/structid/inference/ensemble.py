@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
+from structid.inference.sampler import Block, Drawn, Keep, Sampler, joined
 from structid.inference.target import Target
+from structid.models.base import Progress
 
 BLOCK_STEPS = 50
 """Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
@@ -25,7 +27,7 @@ _PURPOSE = {"start": 1, "moves": 2, "settling": 3}
 
 
 @dataclass(frozen=True)
-class AIES:
+class AIES(Sampler):
     """Settings of the affine-invariant ensemble sampler.
 
     Parameters
@@ -59,6 +61,8 @@ class AIES:
     discard: float = 0.5
     start_candidates: int = 1
     settling_steps: int = 0
+
+    needed_length: ClassVar[float] = 50.0
 
     def __post_init__(self) -> None:
         for name, least in (
@@ -96,6 +100,66 @@ class AIES:
         """
         return {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
 
+    @property
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+        return (
+            f"AIES, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, {self.discard:.0%} discarded, "
+            f"{self.differential_evolution:.0%} differential-evolution moves"
+        )
+
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw; see `Sampler.run`.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample.
+        seed : int
+            Seed.
+        start : ndarray (point, parameter) or None
+            Points in SI among which the walkers start; drawn from the target when left out.
+        blocks : list of dict
+            What is already on disk.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Told how many steps are done.
+
+        Returns
+        -------
+        Drawn
+            Every step, the discarded ones included.
+        """
+        lengths = list(block_lengths(self.steps))
+        # A last block that an earlier, shorter run cut off is run again whole: its random stream is the block's.
+        if blocks and len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]:
+            blocks = blocks[:-1]
+        if blocks:
+            state, start_failures = EnsembleState(blocks[-1]["phi"][-1], blocks[-1]["log_density"][-1]), 0
+        else:
+            state, start_failures = starting_state(target, self, seed, start)
+        for index in range(len(blocks), len(lengths)):
+            if 0 < index * BLOCK_STEPS <= self.settling_steps:
+                state = settle(state, seed, index)
+            state, block = run_block(target, self, state, seed, index, lengths[index])
+            if index == 0:
+                block["failed"][0] += start_failures
+            keep(index, block)
+            blocks = [*blocks, block]
+            if progress is not None:
+                progress(sum(lengths[: index + 1]), self.steps)
+        every = joined(blocks, self.steps)
+        return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()))
+
 
 class EnsembleState(NamedTuple):
     """Where every walker is. With the seed and the block's number it decides all that follows.
@@ -110,9 +174,6 @@ class EnsembleState(NamedTuple):
 
     phi: np.ndarray
     log_density: np.ndarray
-
-
-Block = dict[str, np.ndarray]
 
 
 def stretch_proposal(

@@ -258,6 +258,7 @@ class Posterior(Target):
         model.check_fitness()
         for observation in self.observations:
             check_channels("observation.channels", observation.channels, model.channels)
+            model.check_excitation(observation.record)
         extra = {}
         for index, observation in enumerate(self.observations):
             own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
@@ -462,11 +463,20 @@ class Posterior(Target):
         density, _, failed = self._log_density(theta, data)
         return density + jacobian, failed
 
+    def _parts_in_coordinates(self, phi: Any, data: Any) -> tuple[Any, Any, Any]:
+        theta, jacobian = self.bijection.forward(phi)
+        _, likelihood, failed = self._log_density(theta, data)
+        return self.space.jax_log_density(theta) + jacobian, likelihood, failed
+
     @cached_property
     def _compiled(self) -> dict[str, Callable[..., Any]]:
         from structid.device import over_runs
 
-        return {"density": over_runs(self._log_density), "coordinates": over_runs(self._in_coordinates)}
+        return {
+            "density": over_runs(self._log_density),
+            "coordinates": over_runs(self._in_coordinates),
+            "parts": over_runs(self._parts_in_coordinates),
+        }
 
     # --- densities on the host ----------------------------------------------------------------------------------
 
@@ -553,6 +563,51 @@ class Posterior(Target):
         theta, jacobian = self.bijection(phi)
         density, _, failed = self._evaluate(theta)
         return density + jacobian, failed
+
+    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Prior and likelihood apart; see `Target.evaluate_parts`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log prior with respect to φ, log-likelihood, and where a simulation failed.
+        """
+        if isinstance(self.model, JaxModel):
+            parts = [self._compiled["parts"](phi[rows], self._data) for rows in _batches(len(phi))]
+            prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
+            return prior, likelihood, failed
+        theta, jacobian = self.bijection(phi)
+        _, likelihood, failed = self._evaluate(theta)
+        return self.space.log_density(theta) + jacobian, likelihood, failed
+
+    def log_density_given(self, theta: np.ndarray, responses: Sequence[np.ndarray]) -> np.ndarray:
+        """Log posterior density from responses that are already there, such as the runs of a campaign.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        responses : sequence of ndarray, shape (run, time, channel)
+            The model's response to the record of each observation, in the model's channels; NaN where it failed.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where a response is not finite.
+        """
+        theta = self._points(theta)
+        total = self.space.log_density(theta)
+        for index, (observation, response) in enumerate(zip(self.observations, responses, strict=True)):
+            good = np.isfinite(response).all(axis=(1, 2))
+            known = np.where(good[:, None, None], response, 0.0).transpose(1, 2, 0)
+            likelihood = np.asarray(self._likelihood_given(known, theta, observation.values, index))
+            total = total + np.where(good, likelihood, -np.inf)
+        return np.where(np.isnan(total), -np.inf, total)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
         """Prediction of one observation, instrument included, without discrepancy.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,8 +22,8 @@ from structid.inference.diagnostics import (
     parameter_diagnostics,
     stuck_walkers,
 )
-from structid.inference.ensemble import AIES
 from structid.inference.posterior import Posterior
+from structid.inference.sampler import Evidence, Sampler
 from structid.inference.target import Target
 from structid.optimize import pattern_search
 from structid.probability.marginals import Uniform
@@ -37,6 +37,8 @@ THINNED_DRAWS = 1000
 """Draws used for predictive histories."""
 STORED_DRAWS = 300
 """Draws whose predictive histories and pointwise likelihoods are put into the ArviZ groups."""
+SURROGATE_NATS = 2.0
+"""Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
 UNEXPLAINED_LIMIT = 0.25
 """Fraction of the measurement's variance left unexplained from which the reader is warned."""
 
@@ -90,7 +92,7 @@ class SamplingResult:
     ----------
     target : Target
         What was sampled.
-    sampler : AIES
+    sampler : Sampler
         With what settings.
     seed : int
         Seed.
@@ -106,10 +108,12 @@ class SamplingResult:
         Simulations inside the prior's support that failed.
     seconds : float
         Time spent sampling.
+    log_evidence : Evidence, optional
+        log Z and its error, of samplers that know it.
     """
 
     target: Target
-    sampler: AIES
+    sampler: Sampler
     seed: int
     history: np.ndarray = field(repr=False)
     log_density: np.ndarray = field(repr=False)
@@ -117,6 +121,7 @@ class SamplingResult:
     accepted: np.ndarray = field(repr=False)
     failed_simulations: int
     seconds: float
+    log_evidence: Evidence | None = None
 
     # --- draws --------------------------------------------------------------------------------------------------
 
@@ -245,7 +250,9 @@ class SamplingResult:
         kept = slice(self.discarded, None)
         accepted = self.accepted[kept]
         stuck = int(stuck_walkers(accepted, self.coordinate_log_density[kept]).sum())
-        failures = convergence_failures(self._diagnostics, len(accepted), self.sampler.ensembles, stuck)
+        failures = convergence_failures(
+            self._diagnostics, len(accepted), self.sampler.ensembles, stuck, self.sampler.needed_length
+        )
         unexplained = self._unexplained()
         return Verdict(
             converged=not failures,
@@ -281,6 +288,13 @@ class SamplingResult:
                 f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
                 "for these data"
             )
+        if self._surrogate_matters(unexplained):
+            error = self.target.model.relative_error  # type: ignore[attr-defined]
+            warnings.append(
+                f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
+                f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let structid.calibrate "
+                "certify it"
+            )
         outside = self._outside()
         if outside > 0:
             warnings.append(
@@ -290,6 +304,13 @@ class SamplingResult:
         if self.failed_simulations:
             warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
         return warnings
+
+    def _surrogate_matters(self, unexplained: float) -> bool:
+        """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
+        if not isinstance(self.target, Posterior):
+            return False
+        samples = sum(len(o.values) for o in self.target.observations)
+        return 0.5 * samples * self.target.model.relative_error > SURROGATE_NATS * unexplained
 
     def _outside(self) -> float:
         """Share of the draws that lie outside the range of the model, if it has one."""
@@ -405,12 +426,14 @@ class SamplingResult:
         tree.attrs |= {
             "inference_library": "structid",
             "inference_library_version": importlib.metadata.version("structid"),
-            "sampler": repr(asdict(self.sampler)),
+            "sampler": repr(self.sampler),
             "seed": self.seed,
             "sampling_time": self.seconds,
             "converged": int(self.verdict().converged),
             "verdict": str(self.verdict()),
         }
+        if self.log_evidence is not None:
+            tree.attrs |= {"log_evidence": self.log_evidence.value, "log_evidence_error": self.log_evidence.error}
         return tree
 
     def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:

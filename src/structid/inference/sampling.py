@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import os
 import time
-from typing import Any
 
 import numpy as np
 
 from structid.errors import InputError
 from structid.inference.chain_store import ChainStore
-from structid.inference.ensemble import (
-    AIES,
-    BLOCK_STEPS,
-    Block,
-    EnsembleState,
-    block_lengths,
-    run_block,
-    settle,
-    starting_state,
-)
+from structid.inference.ensemble import AIES
 from structid.inference.result import SamplingResult
+from structid.inference.sampler import Block, Sampler
 from structid.inference.target import Target
 from structid.journal import digest
 from structid.models.base import Progress
@@ -28,7 +19,7 @@ from structid.models.base import Progress
 
 def sample(
     target: Target,
-    sampler: AIES | None = None,
+    sampler: Sampler | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
     start: np.ndarray | None = None,
@@ -40,18 +31,18 @@ def sample(
     ----------
     target : Target
         A `Posterior`, or any `LogDensity`.
-    sampler : AIES, optional
-        The sampler and its settings.
+    sampler : AIES or SMC, optional
+        The sampler and its settings; AIES when left out.
     seed : int
         Seed; the same one gives the same draws.
     store : path-like, optional
         HDF5 file for the draws. A killed run continues from it to the same bits; a finished one is read; with more steps it is
         continued. A store of another target, sampler or seed is refused.
     start : array-like, shape (point, parameter), optional
-        Points in SI, inside the support, among which the walkers start; drawn from the target's prior when left out. Spread
-        them wider than the posterior, or R-hat has nothing to find.
+        For AIES: points in SI, inside the support, among which the walkers start; drawn from the target's prior when left out.
+        Spread them wider than the posterior, or R-hat has nothing to find.
     progress : callable, optional
-        Told how many steps are done.
+        Told how far it is, and of how much.
 
     Returns
     -------
@@ -75,50 +66,30 @@ def sample(
     }
     chains = None if store is None else ChainStore(store, identity)
     blocks = [] if chains is None else chains.blocks()
-    lengths = list(block_lengths(sampler.steps))
-    # A last block that an earlier, shorter run cut off is run again whole: its random stream is the block's.
-    while blocks and len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]:
-        blocks.pop()
-    state, start_failures = _resume(target, sampler, seed, start, blocks)
-    for index in range(len(blocks), len(lengths)):
-        began = time.perf_counter()
-        if 0 < index * BLOCK_STEPS <= sampler.settling_steps:
-            state = settle(state, seed, index)
-        state, block = run_block(target, sampler, state, seed, index, lengths[index])
-        if index == 0:
-            block["failed"][0] += start_failures
-        block["seconds"] = np.full(lengths[index], (time.perf_counter() - began) / lengths[index])
+    seconds = {index: float(block["seconds"].sum()) for index, block in enumerate(blocks)}
+    clock = time.perf_counter()
+
+    def keep(index: int, block: Block) -> None:
+        nonlocal clock
+        seconds[index], clock = time.perf_counter() - clock, time.perf_counter()
+        steps = len(block["log_density"])
+        block["seconds"] = np.full(steps, seconds[index] / steps)
         if chains is not None:
             chains.append(index, block)
-        blocks.append(block)
-        if progress is not None:
-            progress(sum(lengths[: index + 1]), sampler.steps)
+
+    drawn = sampler.run(target, seed, start, blocks, keep, progress)
     if chains is not None:
         chains.finish()
-    return _result(target, sampler, seed, blocks)
-
-
-def _resume(
-    target: Target, sampler: AIES, seed: int, points: np.ndarray | None, blocks: list[Block]
-) -> tuple[EnsembleState, int]:
-    """Where the walkers were after the last stored block, or fresh starting points."""
-    if blocks:
-        return EnsembleState(blocks[-1]["phi"][-1], blocks[-1]["log_density"][-1]), 0
-    return starting_state(target, sampler, seed, points)
-
-
-def _result(target: Target, sampler: AIES, seed: int, blocks: list[Block]) -> SamplingResult:
-    joined: dict[str, Any] = {name: np.concatenate([b[name] for b in blocks])[: sampler.steps] for name in blocks[0]}
-    phi = joined["phi"]
-    theta, jacobian = target.bijection(phi.reshape(-1, phi.shape[-1]))
+    theta, jacobian = target.bijection(drawn.phi.reshape(-1, drawn.phi.shape[-1]))
     return SamplingResult(
         target=target,
         sampler=sampler,
         seed=seed,
-        history=theta.reshape(phi.shape),
-        log_density=joined["log_density"] - jacobian.reshape(phi.shape[:-1]),
-        coordinate_log_density=joined["log_density"],
-        accepted=joined["accepted"],
-        failed_simulations=int(joined["failed"].sum()),
-        seconds=float(joined["seconds"].sum()),
+        history=theta.reshape(drawn.phi.shape),
+        log_density=drawn.log_density - jacobian.reshape(drawn.log_density.shape),
+        coordinate_log_density=drawn.log_density,
+        accepted=drawn.accepted,
+        failed_simulations=drawn.failed,
+        seconds=sum(seconds.values()),
+        log_evidence=drawn.log_evidence,
     )

@@ -51,6 +51,30 @@ class Target(ABC):
             Log density with respect to φ, −inf where it cannot be had; and where a simulation failed.
         """
 
+    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Prior and likelihood apart, for samplers that pass from the one to the other.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log prior with respect to φ; log-likelihood, −inf where it cannot be had; and where a simulation failed.
+
+        Raises
+        ------
+        InputError
+            If the target does not know its prior.
+        """
+        raise InputError(
+            "SMC",
+            f"a {type(self).__name__} that does not know its prior",
+            "a Posterior, or LogDensity(initial=ParameterSpace(…))",
+        )
+
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log density with respect to the parameters.
@@ -178,6 +202,29 @@ class LogDensity(Target):
             value = self._compiled[1](phi)
         failed = np.isnan(value)
         return np.where(failed, -np.inf, value), failed
+
+    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Prior and likelihood apart, where `initial` is a space, which is taken for the prior; see `Target.evaluate_parts`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log prior, log-likelihood (the density divided by the prior), and where it was NaN.
+        """
+        if not isinstance(self._initial, ParameterSpace):
+            return super().evaluate_parts(phi)
+        density, failed = self.evaluate(phi)
+        theta, jacobian = self.bijection(phi)
+        space = self._initial
+        own = np.array([self.names.index(n) for n in space.names])
+        prior = space.log_density(theta[:, own]) + jacobian
+        outside = ~np.isfinite(prior)
+        return prior, np.where(outside, -np.inf, density - np.where(outside, 0.0, prior)), failed
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw starting points; see `Target.initial`.

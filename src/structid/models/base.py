@@ -104,6 +104,20 @@ class Model(ABC):
             What drives it.
         """
 
+    def check_excitation(self, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
+        """Refuse an excitation the model knows nothing of; a surrogate may.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+        """
+
+    @property
+    def relative_error(self) -> float:
+        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² against the model it stands for; 0 for a model that stands for itself."""
+        return 0.0
+
     def outside(self, theta: np.ndarray) -> np.ndarray:
         """Say which points lie outside the range the model is known to be good for; a model itself has no such range.
 

@@ -12,6 +12,7 @@ from structid.figures.style import pretty, pretty_unit
 from structid.report.content import ReportContent
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate
+from structid.surrogates.parametric_narx import ParametricNARX
 from structid.units import label
 
 Table = tuple[list[str], list[list[str]]]
@@ -198,11 +199,7 @@ def run_table(content: ReportContent, timings: dict[str, float]) -> Table:
     steps, ensembles, walkers = result.history.shape[:3]
     rows = [
         ["model", str(content.posterior.model)],
-        [
-            "sampler",
-            f"AIES, {ensembles} ensembles × {walkers} walkers × {steps} steps, {sampler.discard:.0%} discarded, "
-            f"{sampler.differential_evolution:.0%} differential-evolution moves, seed {result.seed}",
-        ],
+        ["sampler", f"{sampler.in_words}, seed {result.seed}"],
         ["model runs in sampling", f"{steps * ensembles * walkers:,}"],
     ]
     heads, versions = versions_table(timings)
@@ -339,15 +336,17 @@ def surrogate_table(surrogate: Surrogate) -> Table:
         ["kind", fit.kind],
         ["fitted to", f"{fit.runs} runs, {fit.left_out} failed ones left out, in {fit.seconds:.1f} s"],
         ["mean error estimated while fitting", f"{fit.error:.2g}"],
-        ["may be sampled up to a mean error of", f"{fit.limit:g}"],
     ]
+    judged = "estimated while fitting"
     if surrogate.validation is not None:
-        rows.append(
-            [
-                "validation runs outside its range",
-                f"{surrogate.validation.outside} of {len(surrogate.validation.errors)}",
-            ]
-        )
+        validation, judged = surrogate.validation, "on the validation runs"
+        rows += [
+            ["mean error on the validation runs", f"{validation.mean:.2g}"],
+            ["validation runs outside its range", f"{validation.outside} of {len(validation.errors)}"],
+        ]
+    rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({judged})"])
+    if isinstance(surrogate, ParametricNARX):
+        rows.append(["terms", ", ".join(surrogate.terms)])
     shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
     rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]
     return ["", ""], rows

@@ -247,6 +247,13 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "one of them, or both",
             "Say what to calibrate, or what to run.",
         )
+    unused = study.file.surrogate.model_fields_set - {"kind"}
+    if unused and not study.has_surrogate:
+        raise InputError(
+            f"key 'surrogate.{min(unused)}'",
+            "it is given with kind = 'none'",
+            "a kind of surrogate, or no key beside kind",
+        )
     if study.campaign is not None and study.has_surrogate:
         _check_surrogate(study, study.campaign)
     if study.posterior is None:

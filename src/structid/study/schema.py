@@ -462,7 +462,8 @@ def _known_keys(steps: list[Any], content: dict[str, Any]) -> list[str]:
         tables = found
     kind = here.get("type") if isinstance(here, dict) else None
     if kind is not None:
-        tables = [t for t in tables if kind in get_args(t.model_fields["type"].annotation)] or tables
+        typed = [t for t in tables if "type" in t.model_fields]
+        tables = [t for t in typed if kind in get_args(t.model_fields["type"].annotation)] or tables
     return sorted({name for table in tables for name in table.model_fields})
 
 

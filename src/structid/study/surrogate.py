@@ -67,7 +67,7 @@ def surrogate_settings(section: SurrogateSection) -> Settings:
     for key in given:
         if key not in _OWN[kind]:
             raise InputError(
-                f"key 'surrogate.{key}'", f"it is given for {kind}", ", ".join(sorted((*_COMMON, *_OWN[kind])))
+                f"key 'surrogate.{key}'", f"a key that {kind} does not know", ", ".join(sorted((*_COMMON, *_OWN[kind])))
             )
     _check_used(given)
     common = {k: getattr(section, k) for k in ("limit", "outside") if getattr(section, k) is not None}

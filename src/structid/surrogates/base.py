@@ -7,7 +7,7 @@ import warnings
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -55,6 +55,8 @@ class Fit:
         What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``.
     seconds : float
         Wall time of the fit.
+    seen : tuple of str
+        A digest of each run it was fitted to: those cannot validate it.
     """
 
     kind: str
@@ -71,6 +73,40 @@ class Fit:
     limit: float
     outside: Literal["warn", "refuse", "allow"]
     seconds: float = field(default=float("nan"))
+    seen: tuple[str, ...] = ()
+
+
+class SurrogateSettings(Protocol):
+    """What the settings of every kind of surrogate can do."""
+
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
+        """Check the settings against runs that are yet to be made.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them.
+        channels : sequence of str
+            What they will return.
+        """
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> Surrogate:
+        """Fit to runs.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+
+        Returns
+        -------
+        Surrogate
+            The fitted surrogate.
+        """
 
 
 class Surrogate(JaxModel):
@@ -146,6 +182,11 @@ class Surrogate(JaxModel):
     # --- the same for all ---------------------------------------------------------------------------------------
 
     @property
+    def relative_error(self) -> float:
+        """Mean relative error; see `error`."""
+        return self.error
+
+    @property
     def error(self) -> float:
         """Mean relative error: as validated, or as estimated while fitting."""
         return self.fitted.error if self.validation is None else self.validation.mean
@@ -166,6 +207,9 @@ class Surrogate(JaxModel):
             If the excitation is not one the surrogate knows, or points lie outside and are to be refused.
         """
         self.check_excitation(excitation)
+        if not np.isfinite(theta).all():
+            bad = int(np.count_nonzero(~np.isfinite(theta).all(axis=1)))
+            raise InputError(f"{self.fitted.kind}.simulate", f"{bad} points that are not finite", "finite numbers")
         outside = self.outside(theta)
         if self.fitted.outside == "allow" or not outside.any():
             return
@@ -275,6 +319,15 @@ class Surrogate(JaxModel):
         Validation
             Errors, peaks, coverage.
         """
+        if isinstance(runs, Runs) and self.fitted.seen:
+            again = len(set(self.fitted.seen) & set(run_digests(runs)))
+            if again:
+                raise InputError(
+                    f"{self.fitted.kind}.validate",
+                    f"{again} of the runs it was fitted to",
+                    "runs it has not seen",
+                    "Draw others: space.sample(500, seed=2).",
+                )
         self.validation = validate(self, runs, progress)
         return self.validation
 
@@ -408,6 +461,25 @@ def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) ->
 def _known_samples(runs: Runs) -> list[np.ndarray]:
     values = runs.values
     return [v[: len(runs.records[r])] for v, r in zip(values, runs.record_of_run, strict=True)]
+
+
+def run_digests(runs: Runs) -> tuple[str, ...]:
+    """Tell runs apart by their point and their record.
+
+    Parameters
+    ----------
+    runs : Runs
+        The runs.
+
+    Returns
+    -------
+    tuple of str
+        One for each.
+    """
+    hashes = [r.content_hash for r in runs.records]
+    return tuple(
+        digest(point, hashes[record])[:16] for point, record in zip(runs.design.values, runs.record_of_run, strict=True)
+    )
 
 
 def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:

@@ -79,10 +79,12 @@ class NARXSettings:
             check_choice("selection", self.selection, ("lars", "orthogonal"))
         if not 0.0 <= self.held_out < 0.5:
             raise InputError("held_out", f"{self.held_out}", "a share, 0 or more and below 0.5")
-        for name, least in (("degree", 0), ("steps", 0), ("washout", 0.0), ("most_terms", 1)):
+        for name, least in (("degree", 0), ("steps", 0), ("most_terms", 1)):
             value = getattr(self, name)
-            if value is not None and not (isinstance(value, (int, float)) and value >= least):
-                raise InputError(name, f"{value!r}", f"a number, {least} or more")
+            if value is not None and not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(name, f"{value!r}", f"a whole number, {least} or more")
+        if not (isinstance(self.washout, (int, float)) and self.washout >= 0.0):
+            raise InputError("washout", f"{self.washout!r}", "a time in seconds, 0 or more")
         if not all(isinstance(h, int) and h >= 1 for h in self.horizons or ()):
             raise InputError("horizons", f"{self.horizons!r}", "numbers of samples, 1 or more")
         # A term or a memory that cannot be read is refused here, not after the runs.
@@ -235,6 +237,7 @@ class NARX(NARXSettings):
         """
         if isinstance(excitations, Excitation):
             excitations, responses = [excitations], [responses]  # type: ignore[list-item]
+        channels = (channels,) if isinstance(channels, str) else tuple(channels)
         records = tuple(excitations)
         measured = [np.asarray(r, dtype=np.float64) for r in responses]
         if not records or len(records) != len(measured):
@@ -248,8 +251,13 @@ class NARX(NARXSettings):
                     f"a response of shape {response.shape}",
                     f"({len(record)}, {len(channels)}) as its excitation",
                 )
+            if not np.isfinite(response).all():
+                came = f"a response with {np.count_nonzero(~np.isfinite(response))} values that are not finite"
+                raise InputError(
+                    "NARX.fit", came, "finite numbers", "Cut or repair the measurement before handing it over."
+                )
             values[row, : len(record)] = response.reshape(len(record), -1)
         nothing = Design(np.zeros((len(records), 0)), ParameterSpace())
         status = np.full(len(records), Status.DONE)
-        runs = Runs(nothing, records, tuple(channels), InMemory(values), status, np.arange(len(records)))
+        runs = Runs(nothing, records, channels, InMemory(values), status, np.arange(len(records)))
         return NARXFit(self, runs, progress, fewest=1).pc_narx(PCE(degree=0))

@@ -11,7 +11,7 @@ from structid.errors import InputError
 from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
-from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, common_step, fitted_range, fitting_runs
+from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, common_step, fitted_range, fitting_runs, run_digests
 from structid.surrogates.kriging import Kriging
 from structid.surrogates.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
 from structid.surrogates.pce import PCE, ChaosExpansion
@@ -277,9 +277,11 @@ class NARXFit:
         fit = Fit(
             self.kind, self.settings.in_words, self.design.space, self.runs.channels, self.excitation, self.dt,
             *fitted_range(self.runs.design), len(self.runs), self.left_out, float(errors.mean()),
-            self.settings.limit, self.settings.outside, self.watch.seconds,
+            self.settings.limit, self.settings.outside, self.watch.seconds, run_digests(self.runs),
         )  # fmt: skip
-        surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, np.ones(len(self.runs.channels)))
+        largest_input = np.abs(self.experiments.x).max(axis=(0, 1))
+        spread = np.ones(len(self.runs.channels))
+        surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, spread, largest_input)
         with_spread = with_held_out_spread(surrogate, self.runs[rows])
         self.stages.done("uncertainty")
         return with_spread

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.ndimage
 
-from structid.errors import InputError, Status
+from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.probability.space import Design, ParameterSpace
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
 PREDICTION_BOUND = 10.0
 """A prediction beyond so many times the largest output seen has diverged."""
+
+STRONGER = 1.1
+"""A record whose peak is more than so many times the largest one seen is warned of."""
 
 WINDOW = 101
 """Samples of the moving root mean square that the predicted standard deviation is proportional to."""
@@ -60,7 +64,14 @@ def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNAR
         ratios.append((np.abs(true - predicted) / local)[good].reshape(-1, true.shape[2]))
     every = np.concatenate(ratios)
     spread = np.quantile(every, 0.95, axis=0) / 1.96 if len(every) else np.full(len(surrogate.channels), np.inf)
-    return ParametricNARX(surrogate.fitted, surrogate.recursion, surrogate.coefficients, surrogate.largest, spread)
+    return ParametricNARX(
+        surrogate.fitted,
+        surrogate.recursion,
+        surrogate.coefficients,
+        surrogate.largest,
+        spread,
+        surrogate.largest_input,
+    )
 
 
 def local_size(values: np.ndarray) -> np.ndarray:
@@ -188,13 +199,22 @@ class ParametricNARX(Surrogate):
         Largest scaled output seen.
     spread : ndarray, shape (channel,)
         Standard deviation of the error relative to the moving root mean square of the prediction.
+    largest_input : ndarray, shape (input,)
+        Largest inputs it was fitted to, in SI.
     """
 
     def __init__(
-        self, fit: Fit, recursion: Recursion, coefficients: Coefficients, largest: float, spread: np.ndarray
+        self,
+        fit: Fit,
+        recursion: Recursion,
+        coefficients: Coefficients,
+        largest: float,
+        spread: np.ndarray,
+        largest_input: np.ndarray,
     ) -> None:
         super().__init__(fit)
-        self.recursion, self.coefficients, self.largest, self.spread = recursion, coefficients, largest, spread
+        self.recursion, self.coefficients, self.largest = recursion, coefficients, largest
+        self.spread, self.largest_input = spread, largest_input
 
     @property
     def terms(self) -> tuple[str, ...]:
@@ -220,6 +240,27 @@ class ParametricNARX(Surrogate):
                 f"'{excitation.name}', a {excitation.kind} in steps of {excitation.dt:g} s",
                 f"a {self.fitted.excitation} in steps of {self.fitted.dt:g} s, as it was trained with",
                 "Resample it.",
+            )
+
+    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+        """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives them.
+        """
+        super().before_run(theta, excitation)
+        peaks = np.abs(excitation.values.reshape(len(excitation), -1)).max(axis=0)
+        if self.fitted.outside != "allow" and (peaks > STRONGER * self.largest_input).any():
+            ratio = float(np.max(peaks / self.largest_input))
+            warnings.warn(
+                f"{self.fitted.kind}: '{excitation.name}' is {ratio:.2g} times as strong as anything it was fitted to; a recursion "
+                "knows little of responses beyond those. Fit it to runs on stronger records.",
+                StructidWarning,
+                stacklevel=3,
             )
 
     def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
@@ -283,7 +324,7 @@ class ParametricNARX(Surrogate):
         """
         theta = self.parameters(design)
         self.check_excitation(excitation)
-        if not (isinstance(horizon, int) and horizon >= 1):
+        if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
             raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples, 1 or more")
         values = np.asarray(measured, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
@@ -300,7 +341,7 @@ class ParametricNARX(Surrogate):
             InMemory(np.broadcast_to(values, shape)), np.full(len(theta), Status.DONE), np.zeros(len(theta), dtype=int),
         )  # fmt: skip
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
-        run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, horizon)
+        run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, int(horizon))
         found = run.outputs(self._coefficients_at(theta), data)[:, excitation.dropped_samples :] * self._factors
         status = np.full(len(theta), Status.DONE)
         return Histories(found, excitation.dt, self.channels, status, np.full(len(theta), np.nan), excitation.name)
@@ -373,6 +414,7 @@ class ParametricNARX(Surrogate):
             "outputs": list(recursion.outputs),
             "scales": dict(recursion.scales),
             "largest": self.largest,
+            "largest_input": self.largest_input.tolist(),
             "coefficients": said,
         }
         return plain, {**arrays, "initial": recursion.initial, "spread": self.spread}
@@ -405,4 +447,4 @@ class ParametricNARX(Surrogate):
             arrays["initial"],
         )
         coefficients = Coefficients.from_plain(fit.space, plain["coefficients"], arrays)
-        return cls(fit, recursion, coefficients, plain["largest"], arrays["spread"])
+        return cls(fit, recursion, coefficients, plain["largest"], arrays["spread"], np.array(plain["largest_input"]))

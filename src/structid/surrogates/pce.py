@@ -58,6 +58,33 @@ class PCE:
             for norm in np.atleast_1d(self.hyperbolic_norm):
                 multi_indices(1, degree, float(norm), self.interaction)
 
+    def check_runs(self, dimension: int, runs: int) -> None:
+        """Check that there are runs enough for the smallest basis; ordinary least squares needs more of them than terms.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+        runs : int
+            How many there are, or will be.
+
+        Raises
+        ------
+        InputError
+            If there are too few.
+        """
+        if self.method != "ols":
+            return
+        norm = float(np.min(self.hyperbolic_norm))
+        terms = len(multi_indices(dimension, int(np.min(self.degree)), norm, self.interaction))
+        if terms >= runs:
+            raise InputError(
+                "PCE.fit",
+                f"{runs} runs for a basis of {terms} terms",
+                f"{terms + 1} runs or more",
+                'Lower the degree, hyperbolic_norm or interaction, or choose method="sparse".',
+            )
+
     def fit(self, design: Design, values: np.ndarray, progress: Progress | None = None) -> ChaosExpansion:
         """Fit one expansion or many.
 
@@ -86,21 +113,11 @@ class PCE:
             if progress is not None:
                 progress(outputs.shape[1], outputs.shape[1])
             return expansion
+        self.check_runs(design.space.dimension, len(theta))
         best: list[_Candidate | None] = [None] * outputs.shape[1]
         for norm in np.atleast_1d(self.hyperbolic_norm):
             self._search_degree(design.space, theta, outputs, float(norm), best, progress)
         found = [b for b in best if b is not None]
-        if len(found) < len(best):
-            degree = int(np.min(self.degree))
-            terms = len(
-                multi_indices(design.space.dimension, degree, float(np.min(self.hyperbolic_norm)), self.interaction)
-            )
-            raise InputError(
-                "PCE.fit",
-                f"{len(theta)} runs for a basis of {terms} terms",
-                f"{terms + 1} runs or more",
-                'Lower the degree, hyperbolic_norm or interaction, or choose method="sparse".',
-            )
         return _expansion(design.space, found, theta, outputs)
 
     def _search_degree(

@@ -13,7 +13,16 @@ from structid.ground_motion.excitation import Excitation
 from structid.models.base import Progress, response_key
 from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.base import Fit, Stopwatch, Surrogate, check_enough, common_step, fitted_range, fitting_runs
+from structid.surrogates.base import (
+    Fit,
+    Stopwatch,
+    Surrogate,
+    check_enough,
+    common_step,
+    fitted_range,
+    fitting_runs,
+    run_digests,
+)
 from structid.surrogates.kriging import Kriging, KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pce import PCE, ChaosExpansion
@@ -117,6 +126,7 @@ class PODPCE:
             What they will return; any will do.
         """
         _check("PODPCE", design, records)
+        self.pce.check_runs(design.space.dimension, len(design) // len(records))
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
         """Fit to runs on one record or several; see `PODKriging.fit`.
@@ -218,7 +228,7 @@ def _fit(
     fit = Fit(
         kind, asdict(settings), done.design.space, done.channels, excitation, dt,
         *fitted_range(done.design), len(done), left_out,
-        float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds,
+        float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds, run_digests(done),
     )  # fmt: skip
     return ResponseSpaceSurrogate(fit, fits)
 

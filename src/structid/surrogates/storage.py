@@ -95,6 +95,7 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
         "low": np.array(said["low"]),
         "high": np.array(said["high"]),
         "channels": tuple(said["channels"]),
+        "seen": tuple(said["seen"]),
     }
     surrogate = _maker(said["kind"])(Fit(**said), plain, arrays)
     surrogate.validation = validation

@@ -15,6 +15,7 @@ from structid.probability.expressions import parse_expression
 Lagged = tuple[str, int]
 """A signal and by how many samples it lies back: ``("y", 1)`` is y(t−1)."""
 
+_AHEAD = re.compile(r"\b([A-Za-z]\w*)\(t\s*\+\s*\d+\)")
 _SIGNAL = re.compile(r"\b([A-Za-z]\w*)\(t(?:\s*-\s*(\d+))?\)")
 _MEMORY = re.compile(r"^\s*(\w+)\s*=\s*(\w+)\s*\(\s*(\w+)\s*\)\s*$")
 _RESERVED = ("t", "pi", "exp", "sin", "cos", "tan", "sqrt", "log", "abs")
@@ -46,6 +47,9 @@ class Term:
     @cached_property
     def _parsed(self) -> tuple[Any, tuple[str, ...]]:
         where = f"term '{self.text}'"
+        ahead = _AHEAD.search(self.text)
+        if ahead:
+            raise InputError(where, f"'{ahead[0]}'", f"{ahead[1]}(t-1) or earlier", "What is to come is not known.")
         plain = _SIGNAL.sub(lambda m: m[0] if m[1] in _RESERVED else f"{m[1]}__{int(m[2] or 0)}", self.text)
         plain = _without_bars(plain, where).replace("^", "**")
         function, names = parse_expression(plain, where)
@@ -160,12 +164,12 @@ class Memory:
         return f"{self.name} = {self.kind}({self.of})"
 
 
-def as_terms(given: Iterable[Term | str]) -> tuple[Term, ...]:
+def as_terms(given: Iterable[Term | str] | Term | str) -> tuple[Term, ...]:
     """Return terms, those that are texts read.
 
     Parameters
     ----------
-    given : iterable of Term or str
+    given : iterable of Term or str, or one
         Terms.
 
     Returns
@@ -173,7 +177,8 @@ def as_terms(given: Iterable[Term | str]) -> tuple[Term, ...]:
     tuple of Term
         Each once, in order.
     """
-    return tuple(dict.fromkeys(t if isinstance(t, Term) else Term(t) for t in given))
+    listed = [given] if isinstance(given, (str, Term)) else given
+    return tuple(dict.fromkeys(t if isinstance(t, Term) else Term(t) for t in listed))
 
 
 def as_memories(given: Iterable[Memory | str]) -> tuple[Memory, ...]:

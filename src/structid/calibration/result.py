@@ -1,0 +1,169 @@
+"""What a calibration returns: draws, certificate, rounds, true runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.inference.certificate import Certificate, Limits
+from structid.inference.posterior import Posterior
+from structid.inference.result import SamplingResult, Summary
+from structid.runs import Runs
+from structid.surrogates.base import Surrogate
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of a calibration.
+
+    Parameters
+    ----------
+    number : int
+        From 0.
+    training : int
+        Points the surrogate was fitted to.
+    error : float
+        Mean relative error of the surrogate, as it estimates itself.
+    fresh : int
+        Fresh draws of its posterior at which the true model was run.
+    others : int
+        Further true runs.
+    effective_sample_size : float
+        Of the fresh draws after re-weighting.
+    spread : float
+        Standard deviation of their log weights; infinite where a true run failed.
+    failed : int
+        Fresh draws whose true run failed.
+    certificate : Certificate or None
+        Where the round ended with one.
+    seconds : float
+        Time it took.
+    """
+
+    number: int
+    training: int
+    error: float
+    fresh: int
+    others: int
+    effective_sample_size: float
+    spread: float
+    failed: int
+    certificate: Certificate | None
+    seconds: float
+
+    def promising(self, limits: Limits) -> bool:
+        """Say whether a certificate is worth its true runs.
+
+        Parameters
+        ----------
+        limits : Limits
+            What it will ask for.
+
+        Returns
+        -------
+        bool
+            Whether the fresh draws of the round itself would pass.
+        """
+        return self.spread <= limits.spread and self.effective_sample_size >= limits.effective_share * self.fresh
+
+    def __str__(self) -> str:
+        told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
+        told += (
+            f"{self.effective_sample_size:.0f} of {self.fresh} fresh draws effective, spread of log w {self.spread:.2g}"
+        )
+        return told + (f": {self.certificate.verdict}" if self.certificate is not None else "")
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A calibration and whether it may be believed.
+
+    Parameters
+    ----------
+    sampling : SamplingResult
+        Draws of the posterior under the last surrogate.
+    certificate : Certificate
+        Whether that posterior is the true model's.
+    rounds : tuple of Round
+        How it came about.
+    posterior : Posterior
+        On the true model.
+    surrogate : Surrogate
+        The last one.
+    runs : Runs
+        All true runs.
+    """
+
+    sampling: SamplingResult = field(repr=False)
+    certificate: Certificate
+    rounds: tuple[Round, ...]
+    posterior: Posterior = field(repr=False)
+    surrogate: Surrogate = field(repr=False)
+    runs: Runs = field(repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.posterior.names
+
+    @property
+    def training_runs(self) -> int:
+        """Points the last surrogate was fitted to."""
+        return self.rounds[-1].training
+
+    @property
+    def reweighted(self) -> bool:
+        """Whether moments and quantiles are those of the certificate's weighted draws and not of the sampler's."""
+        return self.certificate.verdict == "usable with re-weighting"
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Posterior means in SI, shape (parameter,)."""
+        if self.reweighted:
+            return np.asarray(self.certificate.weights @ self.certificate.draws)
+        return self.sampling.mean
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviations in SI, shape (parameter,)."""
+        if self.reweighted:
+            return np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2)
+        return self.sampling.sd
+
+    def quantile(self, p: float | np.ndarray) -> np.ndarray:
+        """Quantiles of the marginals.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Probabilities.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            In SI.
+        """
+        if self.reweighted:
+            c = self.certificate
+            return np.quantile(c.draws, p, axis=0, weights=c.weights, method="inverted_cdf")
+        return self.sampling.quantile(p)
+
+    def summary(self) -> Summary:
+        """Give moments, quantiles and diagnostics as a table, re-weighted where the certificate asks for it.
+
+        Returns
+        -------
+        Summary
+            In display units.
+        """
+        table = self.sampling.summary()
+        if not self.reweighted:
+            return table
+        factors = self.posterior.factors
+        q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95])) / factors
+        moments = {"mean": self.mean / factors, "sd": self.sd / factors, "q05": q05, "median": median, "q95": q95}
+        return Summary(table.names, table.units, {**table.columns, **moments})
+
+    def __str__(self) -> str:
+        return "\n".join([str(self.certificate), *(f"  {r}" for r in self.rounds), str(self.summary())])

@@ -1,0 +1,381 @@
+"""The sequential loop: design → surrogate → posterior → true runs where the posterior is → … → certificate."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
+from structid.calibration.result import CalibrationResult, Round
+from structid.campaign.runner import Campaign
+from structid.errors import InputError
+from structid.inference.certificate import Certificate, Limits, StoredRuns, certify, smoothed_weights
+from structid.inference.discrepancy import Discrepancy
+from structid.inference.posterior import Observation, Posterior
+from structid.inference.sampler import Block, Sampler
+from structid.inference.sampling import sample
+from structid.inference.tempered import SMC
+from structid.journal import Journal, digest
+from structid.models.base import Model, Progress
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import Runs
+from structid.surrogates.base import Surrogate, SurrogateSettings
+from structid.surrogates.response_space import PODKriging
+from structid.surrogates.storage import load_surrogate
+
+DISCREPANCY_DRAWS = 32
+"""Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
+
+_PURPOSE = {"design": 1, "exploring": 2, "batch": 3, "sampling": 4}
+
+Tell = Callable[[str, int, int], None]
+"""Told what is being done, how much of it is done, and of how much."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How true runs are spent.
+
+    Parameters
+    ----------
+    true_runs : int
+        Most parameter points at which the true model is run, those of the certificate included. Each is run on every record.
+    start : int
+        Points of the first design.
+    batch : int
+        Points added in each round.
+    certificate : int
+        Fresh draws that a certificate is made of; a fifth more are tempered.
+    widen : float
+        How much further than the prior the first design reaches, in normal scores.
+    limits : Limits
+        What the certificate asks for.
+    explorer : SMC
+        Explores the surrogate's posterior in each round.
+    """
+
+    true_runs: int = 500
+    start: int = 60
+    batch: int = 40
+    certificate: int = 200
+    widen: float = 2.0
+    limits: Limits = field(default_factory=Limits)
+    explorer: SMC = field(default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5))
+
+    def __post_init__(self) -> None:
+        for name, least in (("start", 10), ("batch", 5), ("certificate", 50)):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"calibrate({name})", f"{value!r}", f"a whole number, {least} or more")
+        if self.true_runs < self.start + self.needed:
+            raise InputError(
+                "calibrate(true_runs)",
+                f"{self.true_runs}",
+                f"{self.start + self.needed} or more: {self.start} of the first design and {self.needed} of a certificate",
+            )
+        drawn = self.explorer.particles * self.explorer.ensembles
+        if drawn < 2 * self.certificate:
+            raise InputError("calibrate(explorer)", f"{drawn} particles", f"{2 * self.certificate} or more")
+
+    @property
+    def tempered(self) -> int:
+        """Tempered draws of a certificate."""
+        return self.certificate // 5
+
+    @property
+    def needed(self) -> int:
+        """Points of a certificate."""
+        return self.certificate + self.tempered
+
+    def describe(self) -> dict[str, Any]:
+        """What decides the points: all but how many there may be.
+
+        Returns
+        -------
+        dict
+            For hashes; with more true runs a calibration goes on.
+        """
+        return {
+            "start": self.start, "batch": self.batch, "certificate": self.certificate, "widen": self.widen,
+            "explorer": {**self.explorer.describe(), "steps": self.explorer.steps},
+        }  # fmt: skip
+
+
+def calibrate(
+    model: Model,
+    space: ParameterSpace,
+    observations: Observation | Sequence[Observation],
+    surrogate: SurrogateSettings | None = None,
+    discrepancy: Discrepancy | None = None,
+    *,
+    true_runs: int = 500,
+    plan: Plan | None = None,
+    sampler: Sampler | None = None,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    executor: Any = None,
+    progress: Tell | None = None,
+) -> CalibrationResult:
+    """Calibrate a model by a surrogate that is made better where the posterior is, until true runs certify it.
+
+    A first design is run, a surrogate fitted, its posterior explored from the prior by degrees, and the model run at draws of it,
+    where the surrogate is least sure, and at tempered draws. When the weights of the plain draws are nearly equal, the next round
+    spends `Plan.certificate` fresh draws and a fifth more tempered ones on a `Certificate`. If that fails, they too train the next
+    surrogate.
+
+    Parameters
+    ----------
+    model : Model
+        The true model: built in, or an external solver.
+    space : ParameterSpace
+        Its unknown parameters and their priors.
+    observations : Observation or sequence of Observation
+        What was measured.
+    surrogate : PODKriging, PODPCE, PCNARX or KrigingNARX, optional
+        Settings of the surrogate; `PODKriging` when left out.
+    discrepancy : Discrepancy, optional
+        The law of the difference between model and measurement.
+    true_runs : int
+        Budget of true runs, those of the certificate included; with several records each point counts once.
+    plan : Plan, optional
+        Everything else about how they are spent; its own budget counts then.
+    sampler : Sampler, optional
+        Draws from the surrogate's posterior in the end; `SMC` when left out.
+    seed : int
+        Seed.
+    store : path-like, optional
+        A folder for true runs, rounds and draws. A killed calibration goes on from it, one with a larger budget too.
+    executor : optional
+        Where an external model's runs are done; see `Campaign.run`.
+    progress : callable, optional
+        Told what is being done, how much of it is done, and of how much.
+
+    Returns
+    -------
+    CalibrationResult
+        Draws, certificate, rounds, true runs.
+
+    Raises
+    ------
+    InputError
+        If the budget is too small for a first design and a certificate.
+    StoreMismatchError
+        If `store` belongs to another calibration.
+    """
+    settings = PODKriging() if surrogate is None else surrogate
+    loop = _Loop(
+        Posterior(space, model, observations, discrepancy),
+        settings,
+        Plan(true_runs=true_runs) if plan is None else plan,
+        SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5) if sampler is None else sampler,
+        seed,
+        None if store is None else Path(store),
+        executor,
+        progress,
+    )
+    return loop.run()
+
+
+class _Loop:
+    """One calibration, round by round."""
+
+    def __init__(
+        self,
+        posterior: Posterior,
+        settings: SurrogateSettings,
+        plan: Plan,
+        sampler: Sampler,
+        seed: int,
+        folder: Path | None,
+        executor: Any,
+        progress: Tell | None,
+    ) -> None:
+        self.posterior, self.settings, self.plan, self.sampler = posterior, settings, plan, sampler
+        self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
+        self.space = posterior.model_space
+        self.records = tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
+        self.points = self.space.sample(plan.start, seed, "sobol", plan.widen).values
+        settings.check(self._design(), self.records, posterior.model.channels)
+        self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
+        self.rounds: list[Round] = []
+
+    @property
+    def _identity(self) -> dict[str, Any]:
+        return {
+            "posterior": self.posterior.content_hash,
+            "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
+            "plan": digest(self.plan.describe()),
+            "seed": self.seed,
+        }
+
+    def run(self) -> CalibrationResult:
+        """Go through the rounds that are stored, and on from there."""
+        runs = self._true_runs()
+        stored = [] if self.journal is None else list(self.journal)
+        while True:
+            number = len(self.rounds)
+            began = time.perf_counter()
+            training = len(self.points)
+            replayed = number < len(stored)
+            surrogate = self._surrogate(number, runs)
+            under = self.posterior.on(surrogate)
+            if replayed:
+                batch, final = _batch_of(stored[number]), bool(stored[number]["final"])
+            else:
+                final = self._is_time_for_a_certificate(training)
+                batch = self._batch(number, surrogate, under, final)
+                if self.journal is not None:
+                    self.journal.append(_entry(batch, final))
+            self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
+            runs = self._true_runs(runs)
+            certificate, ratios = self._judge(batch, under, runs, training, final)
+            self.rounds.append(
+                _round(number, training, surrogate, batch, ratios, certificate, time.perf_counter() - began)
+            )
+            enough = certificate is not None and (certificate.certified or not self._affordable(len(self.points)))
+            if enough:
+                return self._result(surrogate, under, certificate, runs)
+
+    # --- true runs ----------------------------------------------------------------------------------------------
+
+    def _design(self) -> Design:
+        """Every point on every record, one after another."""
+        return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
+
+    def _true_runs(self, done: Runs | None = None) -> Runs:
+        """Run the model at every point where it has not been run."""
+        told = self._told("true runs")
+        model, cycle = self.posterior.model, "cycle" if len(self.records) > 1 else None
+        if self.folder is not None:
+            campaign = Campaign(model, self.records, self._design(), self.folder / "true_runs.h5", cycle)
+        else:
+            campaign = Campaign(model, self.records, self._design()[0 if done is None else len(done) :], None, cycle)
+        runs = campaign.run(self.executor, progress=lambda ended, total, _failed: told(ended, total))
+        return runs if self.folder is not None or done is None else done + runs
+
+    def _responses(self, runs: Runs, points: slice) -> list[np.ndarray]:
+        """Responses of some points to each observation's record, (run, time, channel); NaN where a run failed."""
+        count = len(self.records)
+        rows = np.arange(len(self.points))[points]
+        hashes = [r.content_hash for r in self.records]
+        responses = []
+        for observation in self.posterior.observations:
+            some = runs[rows * count + hashes.index(observation.record.content_hash)]
+            values = some.values[:, : len(observation.record)]
+            responses.append(np.where(some.done[:, None, None], values, np.nan))
+        return responses
+
+    # --- a round ------------------------------------------------------------------------------------------------
+
+    def _surrogate(self, number: int, runs: Runs) -> Surrogate:
+        path = None if self.folder is None else self.folder / f"surrogate_{number}.h5"
+        if path is not None and path.is_file():
+            surrogate = load_surrogate(path)
+        else:
+            surrogate = self.settings.fit(runs, self._told("fitting the surrogate"))
+            if path is not None:
+                surrogate.save(path)
+        surrogate.trust()  # the certificate judges it
+        return surrogate
+
+    def _batch(self, number: int, surrogate: Surrogate, under: Posterior, final: bool) -> Batch:
+        blocks: list[Block] = []
+        told = self._told("exploring its posterior")
+        seed = _seed(self.seed, "exploring", number)
+        self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
+        rng = np.random.default_rng(_seed(self.seed, "batch", number))
+        if not final:
+            return next_batch(under, surrogate, blocks, self.points, self.plan.batch, rng)
+        fresh = fresh_draws(under, blocks[-1], self.plan.certificate, rng)
+        return replace(fresh, others=tempered_draws(under, blocks, self.points, self.plan.tempered, rng))
+
+    def _is_time_for_a_certificate(self, training: int) -> bool:
+        """When the last batch says so, or when the budget leaves no room for another batch before it."""
+        promising = bool(self.rounds) and self.rounds[-1].promising(self.plan.limits)
+        return promising or training + self.plan.batch + self.plan.needed > self.plan.true_runs
+
+    def _affordable(self, spent: int) -> bool:
+        return spent + self.plan.needed <= self.plan.true_runs
+
+    def _judge(
+        self, batch: Batch, under: Posterior, runs: Runs, training: int, final: bool
+    ) -> tuple[Certificate | None, np.ndarray]:
+        """Weights of the fresh draws, and the certificate if it is time for one."""
+        fresh = slice(training, training + len(batch.fresh))
+        log_true = self.posterior.log_density_given(batch.fresh, self._responses(runs, fresh))
+        ratios = np.where(np.isfinite(log_true), log_true - batch.log_surrogate, -np.inf)
+        if not final:
+            return None, ratios
+        stored = self._stored(batch, under, runs)
+        names, limits = self.posterior.names, self.plan.limits
+        spent = len(self.points)
+        return certify(batch.fresh, log_true, batch.log_surrogate, stored, names, spent, limits), ratios
+
+    def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
+        """Densities at all true runs, each with those discrepancy parameters among some draws that suit it best."""
+        dimension = self.space.dimension
+        responses = self._responses(runs, slice(None))
+        best = np.full(len(self.points), -np.inf)
+        theta = np.concatenate([self.points, np.tile(batch.fresh[0, dimension:], (len(self.points), 1))], axis=1)
+        for own in batch.fresh[:DISCREPANCY_DRAWS, dimension:] if theta.shape[1] > dimension else [np.empty(0)]:
+            trial = np.concatenate([self.points, np.tile(own, (len(self.points), 1))], axis=1)
+            density = self.posterior.log_density_given(trial, responses)
+            better = density > best
+            best, theta[better] = np.where(better, density, best), trial[better]
+        return StoredRuns(best, under.log_density(theta))
+
+    # --- the end ------------------------------------------------------------------------------------------------
+
+    def _result(
+        self, surrogate: Surrogate, under: Posterior, certificate: Certificate | None, runs: Runs
+    ) -> CalibrationResult:
+        assert certificate is not None
+        chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
+        seed = _seed(self.seed, "sampling", 0)
+        drawn = sample(under, self.sampler, seed, chains, progress=self._told("sampling"))
+        return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs)
+
+    def _told(self, what: str) -> Progress:
+        def tell(done: int, total: int) -> None:
+            if self.progress is not None:
+                self.progress(what, done, total)
+
+        return tell
+
+
+def _seed(seed: int, purpose: str, number: int) -> int:
+    return int(np.random.SeedSequence([seed, _PURPOSE[purpose], number]).generate_state(1)[0])
+
+
+def _entry(batch: Batch, final: bool) -> dict[str, np.ndarray]:
+    return {
+        "fresh": batch.fresh, "log_surrogate": batch.log_surrogate, "others": batch.others, "final": np.array(final),
+    }  # fmt: skip
+
+
+def _batch_of(entry: dict[str, np.ndarray]) -> Batch:
+    return Batch(entry["fresh"], entry["log_surrogate"], entry["others"])
+
+
+def _round(
+    number: int,
+    training: int,
+    surrogate: Surrogate,
+    batch: Batch,
+    ratios: np.ndarray,
+    certificate: Certificate | None,
+    seconds: float,
+) -> Round:
+    weights, _ = smoothed_weights(ratios)
+    failed = int((~np.isfinite(ratios)).sum())
+    spread = float(np.std(ratios)) if failed == 0 else float("inf")
+    return Round(
+        number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others),
+        float(1.0 / np.sum(weights**2)), spread, failed, certificate, seconds,
+    )  # fmt: skip

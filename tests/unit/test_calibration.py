@@ -1,0 +1,194 @@
+"""The sequential loop: certified where the surrogate can be, refused where it cannot, the same after a kill."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.calibration.batch import far_apart
+from structid.errors import InputError, StoreMismatchError
+
+EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
+PLAN = si.Plan(true_runs=300, start=30, batch=20, certificate=100, explorer=EXPLORER)
+SAMPLER = replace(EXPLORER, particles=200, steps=30)
+
+
+@pytest.fixture(scope="module")
+def space():
+    return si.ParameterSpace(
+        stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
+    )
+
+
+@pytest.fixture(scope="module")
+def model(space):
+    return si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=space.names)
+
+
+@pytest.fixture(scope="module")
+def measured(model):
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 9.0).scale_to_pga(2.0)
+    y = model.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
+    return si.Observation(record, y + 0.05 * y.std() * np.random.default_rng(1).normal(size=y.shape))
+
+
+@pytest.fixture(scope="module")
+def reference(space, model, measured):
+    return si.sample(si.Posterior(space, model, measured), replace(SAMPLER, particles=400), seed=9)
+
+
+@pytest.fixture(scope="module")
+def calibrated(space, model, measured, tmp_path_factory):
+    store = tmp_path_factory.mktemp("calibration")
+    return si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=1, store=store), store
+
+
+def test_it_is_certified_and_equals_the_model_s_own_posterior(calibrated, reference):
+    result, _ = calibrated
+    assert result.certificate.certified, str(result)
+    assert (np.abs(result.mean - reference.mean) < 0.12 * reference.sd).all()
+    np.testing.assert_allclose(result.sd, reference.sd, rtol=0.12)
+    assert result.certificate.true_runs == len(result.runs) == result.training_runs + PLAN.needed
+    assert result.sampling.verdict().failed_simulations == 0
+    told = str(result)
+    assert "CERTIFIED" in told and "round 1: 30 training runs" in told and "stiffness" in told
+
+
+def test_the_rounds_get_better(calibrated):
+    result, _ = calibrated
+    shares = [r.effective_sample_size / r.fresh for r in result.rounds]
+    assert shares[-1] > 0.9 and shares[-1] >= shares[0]
+    assert result.rounds[-1].certificate is result.certificate
+
+
+def test_a_finished_one_is_read_and_another_is_refused(calibrated, space, model, measured):
+    result, store = calibrated
+    again = si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=1, store=store)
+    np.testing.assert_array_equal(again.sampling.history, result.sampling.history)
+    assert again.certificate.k_hat == result.certificate.k_hat
+    with pytest.raises(StoreMismatchError):
+        si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=2, store=store)
+
+
+def test_a_killed_one_goes_on_to_the_same_bits(calibrated, space, model, measured, tmp_path):
+    result, _ = calibrated
+
+    class Killed(Exception):
+        pass
+
+    def stop(what, done, total):
+        # In the second round, when its points have been chosen but not run.
+        stop.seen = stop.seen | {what} if what == "exploring its posterior" else stop.seen
+        stop.rounds += what == "true runs"
+        if stop.rounds == 2:
+            raise Killed
+
+    stop.seen, stop.rounds = set(), 0
+    with pytest.raises(Killed):
+        si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=1, store=tmp_path, progress=stop)
+    again = si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=1, store=tmp_path)
+    np.testing.assert_array_equal(again.sampling.history, result.sampling.history)
+    np.testing.assert_array_equal(again.runs.design.values, result.runs.design.values)
+
+
+def test_without_a_store_nothing_is_run_twice(space, model, measured):
+    """An external model that counts its calls."""
+    calls = []
+
+    def respond(parameters, record):
+        calls.append(1)
+        theta = np.array([[parameters["stiffness"], parameters["gamma_ratio"]]])
+        return model.simulate(theta, record).values[0, :, 0]
+
+    external = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
+    result = si.calibrate(external, space, measured, plan=PLAN, sampler=SAMPLER, seed=1)
+    assert len(calls) == len(result.runs) == result.certificate.true_runs
+    assert result.certificate.certified
+
+
+# --- surrogates that must be refused --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Bad:
+    """Settings of a surrogate that is wrong on purpose."""
+
+    how: str
+
+    def check(self, design, records, channels):
+        """Take anything."""
+
+    def fit(self, runs, progress=None):
+        """Fit as it should not be done."""
+        good = si.PODKriging()
+        if self.how == "biased":
+            from structid.runs import InMemory
+
+            return good.fit(replace(runs, stored=InMemory(1.02 * runs.values)))
+        if self.how == "too smooth":
+            smooth = si.Kriging(correlation="gaussian", nugget=0.3, trend="constant")
+            return si.PODKriging(kriging=smooth).fit(runs)
+        half = runs.design.values[:, 1] < 0.0
+        return good.fit(runs[half])
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.mark.parametrize(
+    "how", ["too smooth", pytest.param("biased", marks=SLOW), pytest.param("half the prior", marks=SLOW)]
+)
+def test_bad_surrogates_are_refused(how, space, model, measured):
+    result = si.calibrate(model, space, measured, surrogate=Bad(how), plan=PLAN, sampler=SAMPLER, seed=1)
+    assert not result.certificate.certified, str(result)
+    assert result.certificate.reasons
+    assert "NOT TO BE TRUSTED" in str(result) or result.reweighted
+
+
+def test_a_mode_that_the_surrogate_has_lost(measured):
+    """Displacement by a², so that a and −a are alike: a surrogate of the positive half finds one mode, and is refused."""
+    record = measured.record
+
+    def respond(parameters, excitation):
+        return parameters["a"] ** 2 * excitation.values + parameters["b"] * np.cos(excitation.time)
+
+    space = si.ParameterSpace(a=si.Uniform(-1.5, 1.5), b=si.Uniform(-1.0, 1.0))
+    model = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
+    rng = np.random.default_rng(2)
+    y = respond({"a": 1.0, "b": 0.2}, record) + 0.3 * rng.normal(size=len(record))
+
+    class Half(Bad):
+        def fit(self, runs, progress=None):
+            """Fit to the positive half."""
+            return si.PODKriging(outside="allow").fit(runs[runs.design.values[:, 0] > 0.0])
+
+    observation = si.Observation(record, y)
+    refused = si.calibrate(model, space, observation, surrogate=Half("half"), plan=PLAN, sampler=SAMPLER, seed=3)
+    assert not refused.certificate.usable, str(refused)
+    whole = si.calibrate(model, space, observation, plan=PLAN, sampler=SAMPLER, seed=3)
+    assert whole.certificate.certified, str(whole)
+    assert 0.35 < (whole.sampling.flat[:, 0] > 0).mean() < 0.65
+
+
+# --- pieces ---------------------------------------------------------------------------------------------------------
+
+
+def test_points_far_apart():
+    candidates = np.array([[0.0], [0.1], [1.0], [0.5]])
+    np.testing.assert_array_equal(far_apart(candidates, np.array([[0.0]]), 2), [2, 3])
+    # A weight outweighs distance.
+    np.testing.assert_array_equal(far_apart(candidates, np.array([[0.0]]), 1, np.array([1.0, 100.0, 1.0, 1.0])), [1])
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (dict(true_runs=100), "300 or more: 60 of the first design and 240 of a certificate"),
+        (dict(start=3), "start.*10 or more"),
+        (dict(certificate=600), "explorer|true_runs"),
+    ],
+)
+def test_plans_that_make_no_sense(settings, words):
+    with pytest.raises(InputError, match=words):
+        si.Plan(**settings)

@@ -1,0 +1,180 @@
+"""Tempered sequential Monte Carlo: evidence in closed form, moments, failures, and the same numbers after a kill."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import structid as si
+from structid.errors import InputError
+from structid.inference.sampler import Evidence
+from structid.inference.tempered import next_exponent
+
+SMALL = si.SMC(particles=200, ensembles=4, steps=20, effective_share=0.5, correlation=0.5)
+
+
+class LinearGaussian:
+    """y = Aθ + ε with normal priors: posterior and evidence are known."""
+
+    def __init__(self, seed, dimension=3, samples=40, noise=0.3):
+        rng = np.random.default_rng(seed)
+        self.matrix = rng.normal(size=(samples, dimension))
+        self.y = self.matrix @ rng.normal(size=dimension) + noise * rng.normal(size=samples)
+        self.noise, self.dimension = noise, dimension
+        names = [f"a{i}" for i in range(dimension)]
+        self.space = si.ParameterSpace(**{n: si.Normal(0.0, 2.0) for n in names})
+        self.target = si.LogDensity(self._density, names, self.space)
+
+    def _density(self, theta):
+        residual = self.y - theta @ self.matrix.T
+        likelihood = scipy.stats.norm.logpdf(residual, scale=self.noise).sum(axis=1)
+        return likelihood + self.space.log_density(theta)
+
+    @property
+    def log_evidence(self):
+        covariance = self.noise**2 * np.eye(len(self.y)) + 4.0 * self.matrix @ self.matrix.T
+        return scipy.stats.multivariate_normal(np.zeros(len(self.y)), covariance).logpdf(self.y)
+
+    @property
+    def posterior(self):
+        precision = self.matrix.T @ self.matrix / self.noise**2 + np.eye(self.dimension) / 4.0
+        covariance = np.linalg.inv(precision)
+        return covariance @ self.matrix.T @ self.y / self.noise**2, np.sqrt(np.diag(covariance))
+
+
+def test_evidence_and_moments_of_a_linear_gaussian_model():
+    problem = LinearGaussian(1)
+    result = si.sample(problem.target, si.SMC(steps=40), seed=1)
+    evidence = result.log_evidence
+    assert abs(evidence.value - problem.log_evidence) < min(0.1, 4.0 * evidence.error + 0.02), str(evidence)
+    mean, sd = problem.posterior
+    np.testing.assert_allclose(result.mean, mean, atol=0.1 * sd.min())
+    np.testing.assert_allclose(result.sd, sd, rtol=0.07)
+    assert result.verdict().converged, str(result.verdict())
+
+
+@pytest.mark.slow
+def test_evidence_and_its_error_over_twenty_seeds():
+    errors, scores = [], []
+    for seed in range(20):
+        problem = LinearGaussian(seed)
+        evidence = si.sample(problem.target, si.SMC(steps=1), seed=seed).log_evidence
+        errors.append(evidence.value - problem.log_evidence)
+        scores.append(errors[-1] / evidence.error)
+    print(f"errors of log Z: {np.round(errors, 3)}, in reported errors {np.round(scores, 1)}")
+    assert np.abs(errors).max() <= 0.1 and np.abs(scores).max() <= 3.0
+    # Reported errors are neither far too small nor far too large.
+    assert 0.4 < np.std(scores) < 1.8
+
+
+def test_two_modes_keep_their_weights():
+    """A narrow mode with two thirds of the mass and a wide one: a plain ensemble started in one would never know."""
+    space = si.ParameterSpace(a=si.Uniform(-10.0, 10.0), b=si.Uniform(-10.0, 10.0))
+
+    def density(theta):
+        narrow = np.log(2 / 3) + scipy.stats.norm.logpdf(theta, 5.0, 0.1).sum(axis=1)
+        wide = np.log(1 / 3) + scipy.stats.norm.logpdf(theta, -4.0, 0.5).sum(axis=1)
+        return np.logaddexp(narrow, wide)
+
+    result = si.sample(
+        si.LogDensity(density, space.names, space, {n: (-10.0, 10.0) for n in space.names}),
+        si.SMC(steps=5),
+        seed=3,
+    )
+    share = (result.flat[:, 0] > 0).mean()
+    assert abs(share - 2 / 3) < 0.06
+    # The density integrates to one over the box.
+    assert abs(result.log_evidence.value) < 4 * result.log_evidence.error + 0.03
+
+
+def test_a_likelihood_that_half_the_prior_does_not_have():
+    space = si.ParameterSpace(a=si.Uniform(-1.0, 1.0))
+
+    def density(theta):
+        inside = theta[:, 0] > 0
+        return np.where(inside, scipy.stats.norm.logpdf(theta[:, 0], 0.5, 0.1) - np.log(2.0), -np.inf)
+
+    result = si.sample(si.LogDensity(density, ("a",), space, {"a": (-1.0, 1.0)}), SMALL, seed=4)
+    assert abs(result.log_evidence.value - np.log(0.5)) < 0.1
+    assert result.flat.min() > 0
+
+
+def test_the_exponent_leaves_the_asked_for_share():
+    likelihood = -0.5 * np.random.default_rng(5).chisquare(3, size=(4, 1000)) * 100.0
+    beta = next_exponent(likelihood, 0.0, 0.5)
+    weights = np.exp(beta * (likelihood - likelihood.max()))
+    sizes = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
+    assert sizes.mean() == pytest.approx(500, rel=1e-3)
+    assert next_exponent(likelihood * 1e-4, 0.0, 0.5) == 1.0
+
+
+def test_a_killed_run_goes_on_to_the_same_bits(tmp_path):
+    problem = LinearGaussian(2)
+    whole = si.sample(problem.target, SMALL, seed=7, store=tmp_path / "whole.h5")
+
+    class Killed(Exception):
+        pass
+
+    stages = []
+
+    def stop(done, total):
+        stages.append(done)
+        if len(stages) == 4:
+            raise Killed
+
+    with pytest.raises(Killed):
+        si.sample(problem.target, SMALL, seed=7, store=tmp_path / "cut.h5", progress=stop)
+    again = si.sample(problem.target, SMALL, seed=7, store=tmp_path / "cut.h5")
+    np.testing.assert_array_equal(again.history, whole.history)
+    assert again.log_evidence.value == whole.log_evidence.value
+    # More steps go on from the stored ones, a block that was cut off included.
+    longer = si.sample(problem.target, replace(SMALL, steps=70), seed=7, store=tmp_path / "cut.h5")
+    np.testing.assert_array_equal(longer.history[:20], whole.history)
+    np.testing.assert_array_equal(longer.history, si.sample(problem.target, replace(SMALL, steps=70), seed=7).history)
+
+
+def test_on_a_posterior_it_agrees_with_the_ensemble():
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 9.0).scale_to_pga(2.0)
+    space = si.ParameterSpace(
+        stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
+    )
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=space.names)
+    rng = np.random.default_rng(1)
+    y = model.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
+    posterior = si.Posterior(space, model, si.Observation(record, y + 0.3 * y.std() * rng.normal(size=y.shape)))
+    tempered = si.sample(posterior, SMALL, seed=1)
+    ensemble = si.sample(posterior, si.AIES(walkers=60, steps=800, start_candidates=10, settling_steps=300), seed=2)
+    assert (np.abs(tempered.mean - ensemble.mean) < 0.1 * ensemble.sd).all()
+    np.testing.assert_allclose(tempered.sd, ensemble.sd, rtol=0.12)
+    tree = tempered.to_datatree(predictions=False)
+    assert tree.attrs["log_evidence"] == tempered.log_evidence.value
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (dict(particles=5), "even number"),
+        (dict(particles=2), "4 or more"),
+        (dict(effective_share=1.0), "between 0 and 1"),
+        (dict(steps=0), "1 or more"),
+    ],
+)
+def test_settings_that_make_no_sense(settings, words):
+    with pytest.raises(InputError, match=words):
+        si.SMC(**settings)
+
+
+def test_what_it_does_not_take():
+    problem = LinearGaussian(3)
+    with pytest.raises(InputError, match="start from the prior"):
+        si.sample(problem.target, SMALL, start=np.zeros((20, 3)))
+    bare = si.LogDensity(lambda t: -0.5 * (t**2).sum(axis=1), ("a",), lambda n, rng: rng.normal(size=(n, 1)))
+    with pytest.raises(InputError, match="does not know its prior"):
+        si.sample(bare, SMALL)
+
+
+def test_evidence_of_populations():
+    found = Evidence.of_populations(np.log([1.0, 3.0]), np.zeros(2))
+    assert found.value == pytest.approx(np.log(2.0)) and found.error == pytest.approx(np.log(3.0) / 2)
+    assert Evidence.of_populations(np.zeros(4), np.full(4, 0.04)).error == pytest.approx(0.1)
