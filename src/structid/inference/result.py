@@ -292,8 +292,8 @@ class SamplingResult:
             error = self.target.model.relative_error  # type: ignore[attr-defined]
             warnings.append(
                 f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
-                f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let structid.calibrate "
-                "certify it"
+                f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
+                "structid.calibrate certify it"
             )
         outside = self._outside()
         if outside > 0:
