@@ -287,12 +287,19 @@ def _finish(outcome: Outcome) -> None:
         if outcome.runs is not None and not outcome.runs.done.any():
             raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
         return
-    screen.print(str(outcome.result.summary()), markup=False, soft_wrap=True)
+    summary = (outcome.calibration or outcome.result).summary()
+    screen.print(str(summary), markup=False, soft_wrap=True)
     screen.print()
+    if outcome.calibration is not None:
+        certificate = outcome.calibration.certificate
+        screen.print(
+            str(certificate), style="green" if certificate.certified else "bold red", markup=False, soft_wrap=True
+        )
+        screen.print()
     verdict = outcome.result.verdict()
     screen.print(str(verdict), style="green" if verdict.converged else "bold red", markup=False, soft_wrap=True)
     screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
-    if not verdict.converged:
+    if not outcome.trusted:
         raise typer.Exit(NOT_CONVERGED)
 
 

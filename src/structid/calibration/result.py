@@ -37,8 +37,8 @@ class Round:
         Fresh draws whose true run failed.
     certificate : Certificate or None
         Where the round ended with one.
-    seconds : float
-        Time it took.
+    log_weights : ndarray, shape (draw,)
+        log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
     """
 
     number: int
@@ -50,7 +50,7 @@ class Round:
     spread: float
     failed: int
     certificate: Certificate | None
-    seconds: float
+    log_weights: np.ndarray = field(repr=False)
 
     def promising(self, limits: Limits) -> bool:
         """Say whether a certificate is worth its true runs.

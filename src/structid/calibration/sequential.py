@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_
 from structid.calibration.result import CalibrationResult, Round
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
-from structid.inference.certificate import Certificate, Limits, StoredRuns, certify, smoothed_weights
+from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.discrepancy import Discrepancy
 from structid.inference.posterior import Observation, Posterior
 from structid.inference.sampler import Block, Sampler
@@ -220,7 +219,6 @@ class _Loop:
         stored = [] if self.journal is None else list(self.journal)
         while True:
             number = len(self.rounds)
-            began = time.perf_counter()
             training = len(self.points)
             replayed = number < len(stored)
             surrogate = self._surrogate(number, runs)
@@ -235,9 +233,7 @@ class _Loop:
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
             runs = self._true_runs(runs)
             certificate, ratios = self._judge(batch, under, runs, training, final)
-            self.rounds.append(
-                _round(number, training, surrogate, batch, ratios, certificate, time.perf_counter() - began)
-            )
+            self.rounds.append(_round(number, training, surrogate, batch, ratios, certificate))
             enough = certificate is not None and (certificate.certified or not self._affordable(len(self.points)))
             if enough:
                 return self._result(surrogate, under, certificate, runs)
@@ -308,7 +304,7 @@ class _Loop:
     ) -> tuple[Certificate | None, np.ndarray]:
         """Weights of the fresh draws, and the certificate if it is time for one."""
         fresh = slice(training, training + len(batch.fresh))
-        log_true = self.posterior.log_density_given(batch.fresh, self._responses(runs, fresh))
+        log_true = self.posterior.given(self._responses(runs, fresh)).log_density(batch.fresh)
         ratios = np.where(np.isfinite(log_true), log_true - batch.log_surrogate, -np.inf)
         if not final:
             return None, ratios
@@ -320,12 +316,12 @@ class _Loop:
     def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
         """Densities at all true runs, each with those discrepancy parameters among some draws that suit it best."""
         dimension = self.space.dimension
-        responses = self._responses(runs, slice(None))
+        given = self.posterior.given(self._responses(runs, slice(None)))
         best = np.full(len(self.points), -np.inf)
         theta = np.concatenate([self.points, np.tile(batch.fresh[0, dimension:], (len(self.points), 1))], axis=1)
         for own in batch.fresh[:DISCREPANCY_DRAWS, dimension:] if theta.shape[1] > dimension else [np.empty(0)]:
             trial = np.concatenate([self.points, np.tile(own, (len(self.points), 1))], axis=1)
-            density = self.posterior.log_density_given(trial, responses)
+            density = given.log_density(trial)
             better = density > best
             best, theta[better] = np.where(better, density, best), trial[better]
         return StoredRuns(best, under.log_density(theta))
@@ -336,6 +332,7 @@ class _Loop:
         self, surrogate: Surrogate, under: Posterior, certificate: Certificate | None, runs: Runs
     ) -> CalibrationResult:
         assert certificate is not None
+        surrogate.certified = certificate.certified
         chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
         seed = _seed(self.seed, "sampling", 0)
         drawn = sample(under, self.sampler, seed, chains, progress=self._told("sampling"))
@@ -370,12 +367,11 @@ def _round(
     batch: Batch,
     ratios: np.ndarray,
     certificate: Certificate | None,
-    seconds: float,
 ) -> Round:
-    weights, _ = smoothed_weights(ratios)
+    weights = np.exp(ratios - ratios.max()) if np.isfinite(ratios).any() else np.ones(len(ratios))
     failed = int((~np.isfinite(ratios)).sum())
     spread = float(np.std(ratios)) if failed == 0 else float("inf")
     return Round(
         number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others),
-        float(1.0 / np.sum(weights**2)), spread, failed, certificate, seconds,
+        float(weights.sum() ** 2 / np.sum(weights**2)), spread, failed, certificate, ratios,
     )  # fmt: skip

@@ -132,6 +132,11 @@ class Certificate:
         """Whether re-weighted moments, at least, may be used."""
         return self.verdict != "not to be trusted"
 
+    @property
+    def largest_shift(self) -> float:
+        """How far re-weighting moves the mean it moves most, in standard deviations."""
+        return float(np.abs(self.shift).max())
+
     def __str__(self) -> str:
         count, limits = len(self.draws), self.limits
         worst = int(np.argmax(np.abs(self.shift)))

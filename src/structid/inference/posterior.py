@@ -585,29 +585,20 @@ class Posterior(Target):
         _, likelihood, failed = self._evaluate(theta)
         return self.space.log_density(theta) + jacobian, likelihood, failed
 
-    def log_density_given(self, theta: np.ndarray, responses: Sequence[np.ndarray]) -> np.ndarray:
-        """Log posterior density from responses that are already there, such as the runs of a campaign.
+    def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
+        """Put responses that are already there, such as the runs of a campaign, in the place of the model's.
 
         Parameters
         ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
         responses : sequence of ndarray, shape (run, time, channel)
             The model's response to the record of each observation, in the model's channels; NaN where it failed.
 
         Returns
         -------
-        ndarray, shape (run,)
-            −inf outside the support and where a response is not finite.
+        GivenResponses
+            Log densities of parameters, a row for each run.
         """
-        theta = self._points(theta)
-        total = self.space.log_density(theta)
-        for index, (observation, response) in enumerate(zip(self.observations, responses, strict=True)):
-            good = np.isfinite(response).all(axis=(1, 2))
-            known = np.where(good[:, None, None], response, 0.0).transpose(1, 2, 0)
-            likelihood = np.asarray(self._likelihood_given(known, theta, observation.values, index))
-            total = total + np.where(good, likelihood, -np.inf)
-        return np.where(np.isnan(total), -np.inf, total)
+        return GivenResponses(self, responses)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
         """Prediction of one observation, instrument included, without discrepancy.
@@ -674,6 +665,59 @@ class Posterior(Target):
             The same, with the posterior's space.
         """
         return Design(self._points(theta), self.space)
+
+
+class GivenResponses:
+    """A posterior whose model has been run already.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        The posterior.
+    responses : sequence of ndarray, shape (run, time, channel)
+        The model's response to the record of each observation; NaN where it failed.
+    """
+
+    def __init__(self, posterior: Posterior, responses: Sequence[np.ndarray]) -> None:
+        self._posterior = posterior
+        self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
+        self._responses = [np.where(self._finite[:, None, None], r, 0.0).transpose(1, 2, 0) for r in responses]
+        self._squares = [self._sum_of_squares(i) for i in range(len(responses))]
+
+    def _sum_of_squares(self, index: int) -> np.ndarray | None:
+        """Σ (y − M)² (channel, run), where the likelihood sees no more."""
+        p, observation = self._posterior, self._posterior.observations[index]
+        if not p.discrepancy.sees_only_squares or observation.nuisances():
+            return None
+        channels = [p.model.channels.index(c) for c in observation.channels]
+        residual = observation.values[:, :, None] - self._responses[index][:, channels]
+        return np.asarray(np.einsum("tcr,tcr->cr", residual, residual))
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log posterior density.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, a row for each run.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where a response is not finite.
+        """
+        p = self._posterior
+        theta = p._points(theta)
+        total = p.space.log_density(theta)
+        for index, (observation, response) in enumerate(zip(p.observations, self._responses, strict=True)):
+            squares, samples = self._squares[index], len(observation.values)
+            if squares is not None:
+                own = p.unknowns(theta, index)
+                found = p.discrepancy.log_likelihood_of_squares(squares, samples, own, observation.channels)
+            else:
+                found = p._likelihood_given(response, theta, observation.values, index)
+            total = total + np.asarray(found)
+        return np.where(self._finite & ~np.isnan(total), total, -np.inf)
 
 
 class Misfit:

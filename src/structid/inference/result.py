@@ -307,14 +307,14 @@ class SamplingResult:
 
     def _surrogate_matters(self, unexplained: float) -> bool:
         """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
-        if not isinstance(self.target, Posterior):
+        if not isinstance(self.target, Posterior) or self.target.model.certified:
             return False
         samples = sum(len(o.values) for o in self.target.observations)
         return 0.5 * samples * self.target.model.relative_error > SURROGATE_NATS * unexplained
 
     def _outside(self) -> float:
         """Share of the draws that lie outside the range of the model, if it has one."""
-        if not isinstance(self.target, Posterior):
+        if not isinstance(self.target, Posterior) or self.target.model.certified:
             return 0.0
         draws = self.thinned(10_000)
         return float(self.target.model.outside(np.asarray(self.target.model_parameters(draws))).mean())

@@ -33,6 +33,9 @@ class Model(ABC):
     free: tuple[str, ...]
     channels: tuple[str, ...]
 
+    certified: bool = False
+    """Whether runs of the model it stands for have shown that its posterior is theirs; for surrogates."""
+
     def simulate(
         self,
         design: Design | np.ndarray,

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from structid.calibration.result import CalibrationResult
 from structid.errors import InputError
+from structid.figures import calibration as calibration_figures
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
@@ -18,7 +20,7 @@ from structid.histories import display_unit
 from structid.inference.identifiability import Identifiability, identifiability
 from structid.inference.posterior import Posterior
 from structid.inference.predictive import Prediction, predict
-from structid.inference.result import SamplingResult
+from structid.inference.result import SamplingResult, Summary
 from structid.models.base import JaxModel, Model
 from structid.models.bouc_wen import BoucWen
 from structid.models.shear_frame import ShearFrame
@@ -91,6 +93,8 @@ class ReportContent:
         The model itself.
     surrogate : Surrogate or None
         What was sampled in its place.
+    calibration : CalibrationResult or None
+        Certificate and rounds.
     figures : list of tuple of str
         Section, file name and caption of every figure drawn so far.
     """
@@ -112,6 +116,7 @@ class ReportContent:
     model: Model
     runs: Runs | None = None
     surrogate: Surrogate | None = None
+    calibration: CalibrationResult | None = None
     figures: list[tuple[str, str, str]] = field(default_factory=list)
 
     @property
@@ -135,6 +140,7 @@ class ReportContent:
         settings: str,
         runs: Runs | None = None,
         true_posterior: Posterior | None = None,
+        calibration: CalibrationResult | None = None,
     ) -> ReportContent:
         """Simulate what the report needs.
 
@@ -160,6 +166,8 @@ class ReportContent:
             The study's campaign.
         true_posterior : Posterior, optional
             That of the model itself, where a surrogate was sampled: for channels and records the surrogate does not know.
+        calibration : CalibrationResult, optional
+            Certificate and rounds, where the study asks for them.
 
         Returns
         -------
@@ -199,6 +207,7 @@ class ReportContent:
             model=true_posterior.model,
             runs=runs,
             surrogate=posterior.model if isinstance(posterior.model, Surrogate) else None,
+            calibration=calibration,
         )
 
     # --- figures ------------------------------------------------------------------------------------------------
@@ -219,6 +228,7 @@ class ReportContent:
         folder.mkdir(parents=True, exist_ok=True)
         self.figures.clear()
         parts = (
+            self._draw_calibration,
             self._draw_data,
             self._draw_responses,
             self._draw_parameters,
@@ -233,6 +243,29 @@ class ReportContent:
     def _add(self, section: str, name: str, caption: str) -> str:
         self.figures.append((section, name, caption))
         return name
+
+    def _draw_calibration(self, folder: Path) -> None:
+        if self.calibration is None:
+            return
+        rounds, certificate = self.calibration.rounds, self.calibration.certificate
+        calibration_figures.rounds(
+            [r.training for r in rounds],
+            [r.log_weights for r in rounds],
+            certificate.limits.spread,
+            save=folder
+            / self._add(
+                "calibration",
+                "rounds",
+                "Every point is a draw of a surrogate's posterior at which the model itself was run: how much more density the "
+                "model gives it than the surrogate, relative to the median of its round. Where the two posteriors are the same, "
+                "all lie on zero; the band is one standard deviation of what a certificate allows.",
+            ),
+        )
+
+    @property
+    def summary(self) -> Summary:
+        """Moments and quantiles, re-weighted where the certificate asks for it."""
+        return self.result.summary() if self.calibration is None else self.calibration.summary()
 
     def _draw_data(self, folder: Path) -> None:
         self.record.plot(folder / self._add("data", "record", f"The record as used: {self.record}."))

@@ -14,6 +14,7 @@ from structid.runs import Runs
 from structid.surrogates.base import Surrogate
 
 _SECTIONS = {
+    "calibration": "Certificate",
     "response": "Response",
     "posterior": "Posterior",
     "deterministic": "Deterministic calibration beside it",
@@ -54,6 +55,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
     page = _template("report.html").render(
         title=content.title,
         verdict=verdict,
+        certificate=None if content.calibration is None else content.calibration.certificate,
         sections=_SECTIONS,
         figures=figures,
         settings=content.settings,
@@ -61,6 +63,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         information=content.information,
         has_truth=bool(content.true_values),
         tables={
+            "calibration": tables.calibration_tables(content.calibration),
             "response": [],
             "posterior": [
                 ("Identifiability at the MAP estimate", tables.identifiability_table(content)),

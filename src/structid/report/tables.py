@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.calibration.result import CalibrationResult
 from structid.figures.style import pretty, pretty_unit
 from structid.report.content import ReportContent
 from structid.runs import Runs
@@ -61,7 +62,7 @@ def posterior_table(content: ReportContent) -> Table:
     tuple of list
         Heads and rows, in display units.
     """
-    summary = content.result.summary()
+    summary = content.summary
     factors = content.posterior.factors
     heads = ["parameter", "mean", "sd", "5 %", "95 %", "MAP"]
     if content.true_values:
@@ -316,6 +317,53 @@ def validation_table(surrogate: Surrogate) -> Table:
         for channel, errors in validation.per_channel.items()
     ]
     return heads, rows
+
+
+def calibration_tables(calibration: CalibrationResult | None) -> list[tuple[str, Table]]:
+    """Certificate and rounds of a calibration.
+
+    Parameters
+    ----------
+    calibration : CalibrationResult or None
+        The calibration, if there was one.
+
+    Returns
+    -------
+    list of tuple
+        Captions and tables.
+    """
+    if calibration is None:
+        return []
+    c, limits = calibration.certificate, calibration.certificate.limits
+    count = len(c.draws)
+    asked = [
+        ["tail index k̂ of the weights", f"{c.k_hat:.2f}", f"below {limits.largest_k_hat(count):.2f}"],
+        [
+            "effective draws",
+            f"{c.effective_sample_size:.0f} of {count}",
+            f"{limits.effective_share * count:.0f} or more",
+        ],
+        ["spread of log weights", f"{c.spread:.3f}", f"{limits.spread:g} or less"],
+        [
+            f"density missed at {c.within_reach} true runs within {limits.reach:g} nats of the best",
+            f"{max(c.excess, 0.0):.2f} nats",
+            f"{limits.excess:g} nats or less",
+        ],
+    ]
+    shifts = [[pretty(n), f"{s:+.3f} ± {e:.3f}"] for n, s, e in zip(c.names, c.shift, c.shift_error, strict=True)]
+    rounds = [
+        [
+            str(r.number + 1), str(r.training), f"{r.error:.1e}", f"{r.effective_sample_size:.0f} of {r.fresh}", f"{r.spread:.2g}",
+            r.certificate.verdict if r.certificate is not None else "",
+        ]
+        for r in calibration.rounds
+    ]  # fmt: skip
+    heads = ["round", "training runs", "surrogate's own error", "effective", "spread of log w", "certificate"]
+    return [
+        ("What was asked for", (["", "found", "limit"], asked)),
+        ("How far the model's runs move each mean, in standard deviations", (["", "shift"], shifts)),
+        ("Rounds", (heads, rounds)),
+    ]
 
 
 def surrogate_table(surrogate: Surrogate) -> Table:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from structid.calibration.sequential import Plan
 from structid.errors import InputError, suggestion
+from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.histories import CHANNEL_UNITS, Histories, base_channel
 from structid.inference.discrepancy import IID
 from structid.inference.ensemble import AIES
 from structid.inference.posterior import Observation, Posterior
+from structid.inference.sampler import Sampler
+from structid.inference.tempered import SMC
 from structid.journal import digest
 from structid.models.base import JaxModel, Model
 from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
@@ -26,11 +30,13 @@ from structid.probability.marginals import Marginal
 from structid.probability.space import Design, ParameterSpace
 from structid.study.external import external_model
 from structid.study.schema import (
+    CalibrationSection,
     CampaignSection,
     ExternalSection,
     ObservationSection,
     PriorSection,
     RecordSection,
+    SamplerSection,
     StudyFile,
     VirtualSection,
 )
@@ -48,6 +54,11 @@ _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
 }
 SURROGATE_RUNS = 500
 """True runs of a study with a surrogate that does not say how many."""
+
+AIES_DEFAULTS = {
+    "walkers": 32, "steps": 3000, "ensembles": 4, "differential_evolution": 0.8, "discard": 0.3, "start_candidates": 10,
+}  # fmt: skip
+"""Settings of an ensemble that converge on the benchmark study."""
 
 SURROGATE_WIDENING = 2.0
 """How much further than the prior the design of a surrogate reaches, in normal scores."""
@@ -78,12 +89,14 @@ class BuiltStudy:
         What drives them, dealt out in turn.
     posterior : Posterior or None
         Of the model's parameters and the discrepancy's; None for a study without an observation.
-    sampler : AIES
+    sampler : Sampler
         Its settings.
     truths : tuple
         For each observation the true model of a virtual experiment, or None.
     other_records : tuple of GroundMotion
         Records to predict for.
+    plan : Plan or None
+        How true runs are spent on a certified calibration, if the study asks for one.
     """
 
     file: StudyFile
@@ -95,9 +108,10 @@ class BuiltStudy:
     campaign: Design | None
     campaign_records: tuple[GroundMotion, ...]
     posterior: Posterior | None
-    sampler: AIES
+    sampler: Sampler
     truths: tuple[JaxModel | None, ...]
     other_records: tuple[GroundMotion, ...]
+    plan: Plan | None
 
     @property
     def content_hash(self) -> str:
@@ -122,6 +136,8 @@ class BuiltStudy:
         if self.has_surrogate:
             said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
             parts["surrogate"] = digest(said)
+        if self.plan is not None:
+            parts["calibration"] = digest(self.plan.describe())
         return parts
 
     @property
@@ -217,25 +233,44 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     if observations:
         measured = tuple(dict.fromkeys(c for o in observations for c in o.channels))
         posterior = Posterior(space, model, observations, _discrepancy(file, measured))
-    settings = file.sampler.model_dump(exclude={"kind"})
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
-    if settings["settling_steps"] is None:
-        settings["settling_steps"] = min(500, int(settings["discard"] * settings["steps"]))
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
     design, campaign_records = _campaign(file, folder, space, tuple(driven_by.values()))
     study = BuiltStudy(
-        file, folder, raw, record, space, model, design, campaign_records, posterior, _sampler(settings), tuple(truths), others,
+        file, folder, raw, record, space, model, design, campaign_records, posterior, _sampler(file.sampler), tuple(truths), others,
+        _plan(file.calibration),
     )  # fmt: skip
     _check_before_anything_is_written(study)
     return study
 
 
-def _sampler(settings: dict[str, Any]) -> AIES:
+def _sampler(section: SamplerSection) -> Sampler:
+    kinds: dict[str, type[AIES] | type[SMC]] = {"aies": AIES, "smc": SMC}
+    kind = kinds[section.kind]
+    known = [f.name for f in fields(kind)]
+    given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}
+    for key in given:
+        if key not in known:
+            raise InputError(
+                f"key 'sampler.{key}'", f"a key that {section.kind} does not know", ", ".join(sorted(known))
+            )
+    if kind is AIES:
+        given = {**AIES_DEFAULTS, **given}
+        given.setdefault("settling_steps", min(500, int(given["discard"] * given["steps"])))
     try:
-        return AIES(**settings)
+        return kind(**given)
     except InputError as error:
-        key = error.where.replace("AIES.", "sampler.")
+        key = error.where.replace(f"{kind.__name__}.", "sampler.")
         raise InputError(f"key '{key}'", error.came, error.allowed, error.cure) from None
+
+
+def _plan(section: CalibrationSection | None) -> Plan | None:
+    if section is None:
+        return None
+    try:
+        return Plan(**section.model_dump())
+    except InputError as error:
+        raise InputError(f"table 'calibration': {error.where}", error.came, error.allowed, error.cure) from None
 
 
 def _check_before_anything_is_written(study: BuiltStudy) -> None:
@@ -254,8 +289,10 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "it is given with kind = 'none'",
             "a kind of surrogate, or no key beside kind",
         )
+    if study.plan is not None:
+        _check_calibration(study, study.plan)
     if study.campaign is not None and study.has_surrogate:
-        _check_surrogate(study, study.campaign)
+        _check_surrogate(study, study.campaign, study.campaign_records)
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
@@ -267,11 +304,31 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
         region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
 
 
-def _check_surrogate(study: BuiltStudy, design: Design) -> None:
+def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
+    """What a certified calibration has no use for, or cannot do without."""
+    said = study.file.surrogate.model_fields_set & {"validation", "limit", "trust"}
+    own = "one of the two: a calibration does its own runs"
+    judged = "no such key: the certificate judges the surrogate"
+    refusals = (
+        (not study.has_surrogate, "table 'calibration'", "no kind of [surrogate]", "a surrogate such as 'pod_kriging'"),
+        (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
+        (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
+        (bool(said), f"key 'surrogate.{min(said, default='')}'", "it is given beside [calibration]", judged),
+    )
+    for wrong, where, came, allowed in refusals:
+        if wrong:
+            raise InputError(where, came, allowed)
+    assert study.posterior is not None
+    records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
+    points = np.repeat(study.space.sample(plan.start, 0, "sobol").values, len(records), axis=0)
+    _check_surrogate(study, Design(points, study.space), records)
+
+
+def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
     """What fitting would refuse, said before hours of true runs."""
     settings = surrogate_settings(study.file.surrogate)
     try:
-        settings.check(design, study.campaign_records, study.model.channels)
+        settings.check(design, records, study.model.channels)
     except InputError as error:
         where = f"tables 'surrogate' and 'campaign': {error.where}"
         raise InputError(where, error.came, error.allowed, error.cure) from None
@@ -282,7 +339,7 @@ def _campaign(
 ) -> tuple[Design | None, tuple[GroundMotion, ...]]:
     """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'."""
     section, kind = file.campaign, file.surrogate.kind
-    if section is None and kind == "none":
+    if file.calibration is not None or (section is None and kind == "none"):
         return None, ()
     section = section or CampaignSection(runs=SURROGATE_RUNS)
     seed = file.seed if section.seed is None else section.seed

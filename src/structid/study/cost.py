@@ -83,7 +83,9 @@ def estimate(study: BuiltStudy) -> Cost:
         What sampling will take.
     """
     true_runs = 0 if study.campaign is None else len(study.campaign)
-    if study.has_surrogate:  # samples itself, in seconds
+    if study.plan is not None:
+        true_runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
+    elif study.has_surrogate:  # samples itself, in seconds
         true_runs += study.validation_runs
     sampling_runs = (
         0

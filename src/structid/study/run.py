@@ -8,13 +8,15 @@ import time
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from structid.calibration.result import CalibrationResult
+from structid.calibration.sequential import Plan, calibrate
 from structid.campaign.executors import mapping, open_pool
 from structid.campaign.runner import Campaign
 from structid.campaign.store import open_runs
@@ -31,7 +33,7 @@ from structid.report.page import write_campaign_report, write_report
 from structid.runs import Runs
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
-from structid.study.surrogate import fitted_surrogate
+from structid.study.surrogate import fitted_surrogate, surrogate_settings
 from structid.surrogates.base import Surrogate
 from structid.surrogates.storage import load_surrogate
 
@@ -44,6 +46,8 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
 }
 _STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
 _CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
+_CALIBRATION = "calibration"
+_FINISHED = (_CHAINS, _RUNS, f"{_CALIBRATION}/rounds.journal")
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
 _VALIDATION_STREAM = 0x76616C
 
@@ -76,6 +80,8 @@ class Outcome:
         The campaign's.
     surrogate : Surrogate or None
         What stood in for the model, validated.
+    calibration : CalibrationResult or None
+        Certificate and rounds, where the study asks for them.
     """
 
     result: SamplingResult | None
@@ -83,6 +89,13 @@ class Outcome:
     report: Path
     runs: Runs | None = None
     surrogate: Surrogate | None = None
+    calibration: CalibrationResult | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether its numbers may be believed: converged, and certified where that was asked for."""
+        certified = self.calibration is None or self.calibration.certificate.certified
+        return certified and (self.result is None or self.result.verdict().converged)
 
 
 def load(path: str | Path) -> BuiltStudy:
@@ -169,7 +182,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     """
     folder = Path(folder)
     identity = folder / _IDENTITY
-    if not identity.is_file() or not any((folder / name).is_file() for name in (_CHAINS, _RUNS)):
+    if not identity.is_file() or not any((folder / name).is_file() for name in _FINISHED):
         raise InputError(
             f"{folder}",
             "it holds no finished study",
@@ -260,6 +273,8 @@ def _work(
     timings = _Timings(folder / _TIMINGS)
     if isinstance(study.model, ProgramModel):
         study.model.scratch = folder.resolve() / _SCRATCH
+    if study.plan is not None:
+        return _certified(study, study.plan, folder, stage, timings, executor)
     runs = _campaign(study, folder, stage, timings, executor, retry, adopt)
     surrogate = _surrogate(study, runs, folder, stage, timings, executor)
     if study.posterior is None:
@@ -333,6 +348,80 @@ def _calibration(
     with stage("sampling") as progress, timings.measured("sampling"):
         result = sample(study.sampled, study.sampler, study.file.seed, folder / _CHAINS, progress=progress)
     timings.put("sampling", result.seconds)
+    report = _report(study, result, searches, folder, stage, timings, runs, true_posterior)
+    return Outcome(result, searches, report, runs, surrogate)
+
+
+def _certified(study: BuiltStudy, plan: Plan, folder: Path, stage: Stage, timings: _Timings, executor: Any) -> Outcome:
+    """Calibrate by a surrogate that true runs certify, and report it."""
+    posterior = study.sampled
+    with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
+        study = replace(study, posterior=posterior.spread(spread))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
+            with _Told(stage, timings) as told:
+                found = calibrate(
+                    study.model,
+                    posterior.model_space,
+                    posterior.observations,
+                    surrogate_settings(study.file.surrogate),
+                    posterior.discrepancy,
+                    plan=plan,
+                    sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
+                    seed=study.file.seed,
+                    store=folder / _CALIBRATION,
+                    executor=executor,
+                    progress=told,
+                )
+            under = replace(study, posterior=study.sampled.on(found.surrogate))
+            searches = _deterministic(under, folder, stage, timings)
+            report = _report(under, found.sampling, searches, folder, stage, timings, found.runs, study.sampled, found)
+    return Outcome(found.sampling, searches, report, found.runs, found.surrogate, found)
+
+
+class _Told:
+    """Opens a bar for each thing that a calibration says it is doing, and adds up its time.
+
+    Parameters
+    ----------
+    stage : callable
+        Opens a progress bar for a named stage.
+    timings : _Timings
+        Keeps the times.
+    """
+
+    def __init__(self, stage: Stage, timings: _Timings) -> None:
+        self._stage, self._timings, self._doing = stage, timings, ""
+        self._open, self._bar = ExitStack(), None
+
+    def __enter__(self) -> _Told:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._open.close()
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        if what != self._doing:
+            self._open.close()
+            self._doing = what
+            self._bar = self._open.enter_context(self._stage(what))
+            self._open.enter_context(self._timings.measured(what, goes_on=True))
+        if self._bar is not None:
+            self._bar(done, total)
+
+
+def _report(
+    study: BuiltStudy,
+    result: SamplingResult,
+    searches: dict[str, OptimizeResult],
+    folder: Path,
+    stage: Stage,
+    timings: _Timings,
+    runs: Runs | None,
+    true_posterior: Posterior,
+    calibration: CalibrationResult | None = None,
+) -> Path:
+    """Predict, draw and write the page and the netCDF file."""
     with stage("predicting and drawing") as progress, timings.measured("predicting and drawing"):
         content = ReportContent.gather(
             result,
@@ -347,14 +436,14 @@ def _calibration(
             settings=(folder / _STUDY).read_text(encoding="utf-8"),
             runs=runs,
             true_posterior=true_posterior,
+            calibration=calibration,
         )
         steps = [*content.drawings(folder / "figures"), lambda: result.to_netcdf(folder / "posterior.nc")]
         for done, step in enumerate(steps, start=1):
             step()
             if progress is not None:
                 progress(done, len(steps))
-    report = write_report(content, folder, timings.seconds)
-    return Outcome(result, searches, report, runs, surrogate)
+    return write_report(content, folder, timings.seconds)
 
 
 class _Timings:

@@ -242,17 +242,20 @@ class DiscrepancySection(Section):
 
 
 class SamplerSection(Section):
-    """The sampler; see `AIES`. The defaults are ones that converge on the benchmark study."""
+    """The sampler; see `AIES` and `SMC`. What is left out has defaults that converge on the benchmark study."""
 
-    kind: Literal["aies"] = "aies"
-    walkers: int = 32
-    steps: int = 3000
-    ensembles: int = 4
-    stretch: float = 2.0
-    differential_evolution: float = 0.8
-    discard: float = 0.3
-    start_candidates: int = 10
+    kind: Literal["aies", "smc"] = "aies"
+    walkers: int | None = None
+    particles: int | None = None
+    steps: int | None = None
+    ensembles: int | None = None
+    stretch: float | None = None
+    differential_evolution: float | None = None
+    discard: float | None = None
+    start_candidates: int | None = None
     settling_steps: int | None = None
+    effective_share: float | None = None
+    correlation: float | None = None
 
 
 class DeterministicSection(Section):
@@ -274,6 +277,15 @@ class CampaignSection(Section):
     channels: tuple[str, ...] = ()
     attempts: int = Field(default=1, ge=1)
     records: tuple[RecordSection, ...] = ()
+
+
+class CalibrationSection(Section):
+    """True runs where the posterior is, until a certificate holds; see `calibrate`."""
+
+    true_runs: int = 500
+    start: int = 60
+    batch: int = 40
+    certificate: int = 200
 
 
 class SurrogateSection(Section):
@@ -331,6 +343,7 @@ class StudyFile(Section):
     ] = ()
     campaign: CampaignSection | None = None
     surrogate: SurrogateSection = SurrogateSection(kind="none")
+    calibration: CalibrationSection | None = None
     discrepancy: DiscrepancySection = DiscrepancySection()
     sampler: SamplerSection = SamplerSection()
     deterministic: DeterministicSection = DeterministicSection()

@@ -1,0 +1,65 @@
+"""Figures of a sequential calibration: how its surrogates came to agree with the model."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.figures.style import ACCENT, MODEL, MUTED, WIDTH, finish, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+LARGEST_SHOWN = 30.0
+"""Log weights beyond ± this are drawn there, as triangles."""
+
+
+@styled
+def rounds(
+    training: Sequence[int],
+    log_weights: Sequence[np.ndarray],
+    spread: float,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the log weights of the fresh draws of every round, relative to their median.
+
+    Parameters
+    ----------
+    training : sequence of int
+        Runs each round's surrogate was fitted to.
+    log_weights : sequence of ndarray, shape (draw,)
+        log π_true/π_surrogate; −∞ where a true run failed.
+    spread : float
+        Standard deviation that a certificate allows.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        One panel, a column a round.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, 3.2), layout="constrained")
+    axis = figure.add_subplot()
+    axis.axhspan(-spread, spread, color=MUTED, alpha=0.18, lw=0)
+    axis.axhline(0.0, color=MUTED, lw=0.8)
+    for column, weights in enumerate(log_weights):
+        finite = np.isfinite(weights)
+        middle = np.median(weights[finite]) if finite.any() else 0.0
+        places = np.where(finite, weights - middle, -np.inf)
+        # A golden-ratio jitter: no two neighbours hide one another.
+        across = column + 0.5 * ((np.arange(len(weights)) * 0.618) % 1.0 - 0.5)
+        shown = np.clip(places, -LARGEST_SHOWN, LARGEST_SHOWN)
+        beyond = np.abs(places) > LARGEST_SHOWN
+        last = column == len(log_weights) - 1
+        axis.plot(across[~beyond], shown[~beyond], "o", ms=3, mew=0, alpha=0.7, color=ACCENT if last else MODEL)
+        axis.plot(across[beyond], shown[beyond], "v", ms=4, mew=0, color=ACCENT if last else MODEL)
+    axis.set_yscale("symlog", linthresh=1.0)
+    axis.set_xticks(range(len(training)), [f"round {i + 1}\n{n} runs" for i, n in enumerate(training)])
+    axis.set_ylabel(r"log $\pi_\mathrm{true}/\pi_\mathrm{surrogate}$ [nat]")
+    return finish(figure, save=save)

@@ -1,0 +1,66 @@
+"""A study with a [calibration]: certificate first on the page and in the exit code, resumed, refused."""
+
+import numpy as np
+import pytest
+
+from structid import cli
+from structid.errors import InputError
+from structid.study.run import load, report_again, run_study
+
+STUDY = (
+    cli.template("bouc_wen")
+    .replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "8 s"]', 1)
+    .replace('methods = ["pattern_search", "interior_point"]\nstarts = 8', "methods = []")
+)
+HEAD, TAIL = STUDY[: STUDY.index("[sampler]")], STUDY[STUDY.index("[deterministic]") :]
+CALIBRATION = "[calibration]\ntrue_runs = 300\nstart = 40\nbatch = 20\ncertificate = 100\n\n"
+SAMPLER = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n\n'
+
+
+def written(folder, calibration=CALIBRATION, surrogate='kind = "pod_kriging"', sampler=SAMPLER):
+    text = HEAD.replace('kind = "none"', surrogate) + calibration + sampler + TAIL
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml"
+
+
+def test_a_certified_study(tmp_path):
+    study = written(tmp_path)
+    outcome = run_study(study, tmp_path / "out")
+    certificate = outcome.calibration.certificate
+    assert certificate.certified and outcome.trusted == outcome.result.verdict().converged, str(outcome.calibration)
+    page = outcome.report.read_text()
+    assert page.index("Certified: these numbers may be trusted") < page.index("<h3>Posterior</h3>")
+    assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
+    assert "surrogate's own error (" not in page  # what is certified needs no warning
+    again = run_study(study, tmp_path / "out", resume=True)
+    np.testing.assert_array_equal(again.result.history, outcome.result.history)
+    assert report_again(tmp_path / "out").report.read_text().count("<figure>") == page.count("<figure>")
+
+
+def test_a_study_that_is_not_certified_says_so_and_exits_with_3(tmp_path, monkeypatch):
+    """A surrogate far too smooth, and no budget to make it better."""
+    budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
+    study = written(tmp_path, budget, 'kind = "pod_kriging"\nnugget = 0.5\ncorrelation = "gaussian"')
+    with pytest.raises(SystemExit) as ended:
+        monkeypatch.setattr("sys.argv", ["structid", "run", str(study), "--out", str(tmp_path / "out")])
+        cli.main()
+    assert ended.value.code == 3
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Not to be trusted: do not use these numbers" in page or "Usable with re-weighting" in page
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(surrogate='kind = "none"'), "calibration.*a surrogate such as"),
+        (dict(surrogate='kind = "pod_kriging"\nlimit = 0.1'), "surrogate.limit.*the certificate judges"),
+        (dict(calibration=CALIBRATION + "[campaign]\nruns = 50\n\n"), "a calibration does its own runs"),
+        (dict(calibration=CALIBRATION.replace("300", "100")), "calibration.*160 or more"),
+        (dict(sampler='[sampler]\nkind = "smc"\nwalkers = 40\n\n'), "sampler.walkers.*smc does not know"),
+        (dict(sampler="[sampler]\nparticles = 40\n\n"), "sampler.particles.*aies does not know"),
+        (dict(surrogate='kind = "pc_narx"\ndegree = 5'), "calibration.*40 runs|36 runs"),
+    ],
+)
+def test_tables_that_do_not_fit_together(change, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        load(written(tmp_path, **change))
