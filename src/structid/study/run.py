@@ -47,7 +47,6 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
 _STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
 _CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
 _CALIBRATION = "calibration"
-_FINISHED = (_CHAINS, _RUNS, f"{_CALIBRATION}/rounds.journal")
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
 _VALIDATION_STREAM = 0x76616C
 
@@ -160,6 +159,11 @@ def run_study(
     return _work(study, folder, stage, executor, retry, adopt)
 
 
+def _sampled(folder: Path) -> bool:
+    """Whether there are draws, of a plain sampling or of a calibration."""
+    return (folder / _CHAINS).is_file() or any((folder / _CALIBRATION).glob("chains_*.h5"))
+
+
 def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     """Write the report again from what is stored.
 
@@ -182,7 +186,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     """
     folder = Path(folder)
     identity = folder / _IDENTITY
-    if not identity.is_file() or not any((folder / name).is_file() for name in _FINISHED):
+    if not identity.is_file() or not (_sampled(folder) or (folder / _RUNS).is_file()):
         raise InputError(
             f"{folder}",
             "it holds no finished study",
@@ -193,7 +197,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     file = _with_kept_inputs(folder, told["inputs"])
     if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
         return _runs_report(open_runs(folder / _RUNS), file, folder, _Timings(folder / _TIMINGS))
-    if not (folder / _CHAINS).is_file():
+    if not _sampled(folder):
         raise InputError(
             f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
