@@ -25,6 +25,9 @@ from structid.surrogates.progress import Steps
 from structid.surrogates.search import quasi_newton
 from structid.surrogates.symmetric import inverse_of, raised_cholesky
 
+PADDING = 64
+"""Correlation matrices are computed for a multiple of so many points."""
+
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""
 
@@ -194,14 +197,18 @@ class _Data:
 
 
 @functools.cache
-def _compiled(family: str, separable: bool) -> tuple[Any, Any]:
-    """Correlation matrix, and the gradient of a weighted sum of its entries; rows are spread over the devices."""
+def _compiled(family: str, separable: bool) -> tuple[Any, Any, Any]:
+    """Correlation matrix, the gradient of a weighted sum of its entries, and matrices for many lengths, over the devices."""
     import jax
 
     from structid.device import jnp, over_runs
 
     def columns(some: Any, points: Any, log_lengths: Any) -> Any:
         return correlation(family, separable, points, some, log_lengths)
+
+    def matrices(log_lengths: Any, points: Any) -> Any:
+        """Correlation matrices of the same points for many lengths."""
+        return jax.vmap(lambda lengths: correlation(family, separable, points, points, lengths))(log_lengths)
 
     def gradients(rows: Any, points: Any) -> Any:
         """Of Σⱼ weightⱼ R(point, pointⱼ) by the log lengths; a row is log lengths, point, weights.
@@ -217,7 +224,7 @@ def _compiled(family: str, separable: bool) -> tuple[Any, Any]:
 
         return jax.vmap(lambda row: jax.grad(weighted)(row[:size], row))(rows)
 
-    return over_runs(columns, run_axes=1), over_runs(gradients)
+    return over_runs(columns, run_axes=1), over_runs(gradients), over_runs(matrices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,31 +309,40 @@ class _Objective:
 
     def matrix(self, parameters: np.ndarray) -> np.ndarray:
         """Correlations of the points, shape (run, run)."""
-        columns, _ = _compiled(self.family, self.separable)
-        points = self.data.points
-        return np.asarray(columns(points, points, parameters[: self.lengths]))
+        columns, _, _ = _compiled(self.family, self.separable)
+        points = _padded(self.data.points)
+        size = len(self.data.points)
+        return np.asarray(columns(points, points, parameters[: self.lengths]))[:size, :size]
 
     def diagonal(self, parameters: np.ndarray) -> float:
         """The nugget."""
         return float(np.exp(parameters[-1])) if self.nugget == "estimate" else float(self.nugget)
 
-    def value(self, parameters: np.ndarray) -> float:
-        """The objective alone."""
-        return self(parameters, gradient=False)[0]
+    def values(self, parameters: np.ndarray) -> np.ndarray:
+        """The objective alone at many places, (parameter, place) as differential evolution asks for them."""
+        _, _, matrices = _compiled(self.family, self.separable)
+        found = matrices(np.ascontiguousarray(parameters[: self.lengths].T), self.data.points)
+        return np.array([self._given(matrix, p, False)[0] for matrix, p in zip(found, parameters.T, strict=True)])
 
     def __call__(self, parameters: np.ndarray, gradient: bool = True) -> tuple[float, np.ndarray]:
         """The objective and its gradient by the log lengths and the log nugget."""
+        return self._given(self.matrix(parameters), parameters, gradient)
+
+    def _given(self, matrix: np.ndarray, parameters: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
+        """The same with the correlation matrix known."""
         try:
-            cholesky, nugget = _cholesky(self.matrix(parameters), self.diagonal(parameters))
+            cholesky, nugget = _cholesky(matrix, self.diagonal(parameters))
             by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
             value, weights = by_matrix(cholesky, gradient)
         except np.linalg.LinAlgError:
             return 1e25, np.zeros(len(parameters))
         if not gradient:
             return value, np.empty(0)
-        _, gradients = _compiled(self.family, self.separable)
-        points = self.data.points
-        rows = np.hstack([np.tile(parameters[: self.lengths], (len(points), 1)), points, weights])
+        _, gradients, _ = _compiled(self.family, self.separable)
+        size, points = len(self.data.points), _padded(self.data.points)
+        weights_of = np.zeros((len(points), len(points)))
+        weights_of[:size, :size] = weights  # what is padded has no weight
+        rows = np.hstack([np.tile(parameters[: self.lengths], (len(points), 1)), points, weights_of])
         slope = gradients(rows, points).sum(axis=0)
         if self.nugget == "estimate":
             slope = np.append(slope, nugget * np.trace(weights))
@@ -375,8 +391,9 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
     screening = objective.on(data.some(np.sort(order[:SCREENING_POINTS])))
     bounds = objective.bounds
     found = scipy.optimize.differential_evolution(
-        screening.value, bounds, init=_spread(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng
-    )
+        screening.values, bounds, init=_spread(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
+        vectorized=True, updating="deferred",
+    )  # fmt: skip
     best, lowest = found.x, np.inf
     for start in found.population[np.argsort(found.population_energies)[: max(starts, 1)]]:
         place = scipy.optimize.minimize(screening, start, jac=True, method="L-BFGS-B", bounds=bounds).x
@@ -390,6 +407,12 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
         if value < lowest:
             best, lowest = place, value
     return np.asarray(best)
+
+
+def _padded(points: np.ndarray) -> np.ndarray:
+    """Points and copies of the last one, up to a multiple of `PADDING`: designs that grow are compiled for seldom."""
+    missing = -len(points) % PADDING
+    return np.concatenate([points, np.repeat(points[-1:], missing, axis=0)]) if missing else points
 
 
 def _inverse_curvature(objective: _Objective, place: np.ndarray) -> np.ndarray:
