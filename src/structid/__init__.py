@@ -9,12 +9,14 @@ __version__ = "0.1.0"
 
 _PUBLIC = {
     "AIES": "inference.ensemble",
+    "AR1": "inference.correlated",
     "Beta": "probability.marginals",
     "BoucWen": "models.bouc_wen",
     "CallableModel": "models.external",
     "Campaign": "campaign.runner",
     "Certificate": "inference.certificate",
     "CombinedExcitation": "ground_motion.excitation",
+    "DampedCosine": "inference.correlated",
     "Design": "probability.space",
     "DisplacementHistory": "ground_motion.excitation",
     "ForceHistory": "ground_motion.excitation",
@@ -46,6 +48,7 @@ _PUBLIC = {
     "Weibull": "probability.marginals",
     "KrigingNARX": "surrogates.narx",
     "Kriging": "surrogates.kriging",
+    "Matern32": "inference.correlated",
     "NARX": "surrogates.narx",
     "PCE": "surrogates.pce",
     "PCNARX": "surrogates.narx",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.calibration.batch import far_apart
+from structid.calibration.batch import far_apart, fresh_draws
 from structid.errors import InputError, StoreMismatchError
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
@@ -169,6 +169,14 @@ def test_a_mode_that_the_surrogate_has_lost(measured):
     whole = si.calibrate(model, space, observation, plan=PLAN, sampler=SAMPLER, seed=3)
     assert whole.certificate.certified, str(whole)
     assert 0.35 < (whole.sampling.flat[:, 0] > 0).mean() < 0.65
+
+
+def test_particles_that_never_moved_are_one_point(space, model, measured):
+    posterior = si.Posterior(space, model, measured)
+    phi = posterior.bijection.inverse(posterior.space.sample(4, seed=1).values)
+    twice = {"phi": np.repeat(phi, 5, axis=0)[None, None]}
+    batch = fresh_draws(posterior, twice, 10, np.random.default_rng(1))
+    assert len(batch.fresh) == len(np.unique(batch.fresh, axis=0)) == 4
 
 
 # --- pieces ---------------------------------------------------------------------------------------------------------

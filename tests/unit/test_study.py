@@ -13,6 +13,7 @@ import pytest
 
 import structid as si
 from structid import cli
+from structid.errors import InputError
 from structid.study.build import build
 from structid.study.run import load, report_again, run_study
 from structid.study.schema import StudyErrors, parse_study
@@ -290,3 +291,27 @@ def test_the_page_on_study_files_names_every_key():
     keys = {key for section in sections for key in section.model_fields} - {"type", "draws", "model"}
     missing = [key for key in sorted(keys) if not re.search(rf"\b{key}\b", page)]
     assert not missing
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('kind = "ar1"\nper_channel = true', "discrepancy.per_channel.*ar1 does not know"),
+        ('kind = "damped_cosine"\ndamping = 1.2', "discrepancy.*below 1"),
+        ('kind = "matern32"\ncorrelation_time = "3 m"', "discrepancy.correlation_time"),
+        ('kind = "ar2"', "discrepancy.kind.*ar1"),
+    ],
+)
+def test_mistakes_in_the_law_of_the_errors(table, words, tmp_path):
+    text = re.sub(r"\[discrepancy\]\nkind[^\n]*", "[discrepancy]\n" + table, SMALL)
+    (tmp_path / "law.toml").write_text(text)
+    with pytest.raises(InputError, match=words):
+        load(tmp_path / "law.toml")
+
+
+def test_a_correlated_law_by_one_word(tmp_path):
+    text = re.sub(r"\[discrepancy\]\nkind[^\n]*", '[discrepancy]\nkind = "damped_cosine"\ndamping = 0.1', SMALL)
+    (tmp_path / "law.toml").write_text(re.sub(r"walkers = \d+", "walkers = 20", text))
+    posterior = load(tmp_path / "law.toml").sampled
+    assert posterior.names[-3:] == ("sigma2", "sigma2_white", "frequency")
+    assert np.isfinite(posterior.log_density(posterior.space.sample(4, seed=1).values)).any()

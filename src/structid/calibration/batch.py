@@ -77,7 +77,10 @@ def fresh_draws(posterior: Posterior, particles: Block, count: int, rng: np.rand
         Without others.
     """
     phi = particles["phi"][-1].reshape(-1, posterior.dimension)
-    theta, _ = posterior.bijection(phi[rng.choice(len(phi), size=min(count, len(phi)), replace=False)])
+    phi = phi[rng.permutation(len(phi))]
+    # Particles that were drawn twice and have not moved since are one: a point is run once.
+    distinct = np.sort(np.unique(phi, axis=0, return_index=True)[1])
+    theta, _ = posterior.bijection(phi[distinct[:count]])
     others = np.empty((0, posterior.model_space.dimension))
     return Batch(theta, posterior.log_density(theta), others)
 

@@ -12,6 +12,9 @@ from structid.inference.result import SamplingResult, Summary
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate
 
+PROMISING = 1 / 3
+"""Share of the spread that a certificate allows with which a round's own draws promise one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Round:
@@ -63,9 +66,10 @@ class Round:
         Returns
         -------
         bool
-            Whether the fresh draws of the round itself would pass.
+            Whether the fresh draws of the round itself would pass, with room to spare: they are few, a failed certificate dear.
         """
-        return self.spread <= limits.spread and self.effective_sample_size >= limits.effective_share * self.fresh
+        enough = self.effective_sample_size >= limits.effective_share * self.fresh
+        return enough and self.spread <= PROMISING * limits.spread
 
     def __str__(self) -> str:
         told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "

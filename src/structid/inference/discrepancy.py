@@ -44,7 +44,7 @@ class Discrepancy(ABC):
         raise NotImplementedError(f"{type(self).__name__} needs the whole residual")
 
     @abstractmethod
-    def parameters(self, values: np.ndarray, channels: tuple[str, ...]) -> dict[str, Marginal]:
+    def parameters(self, values: np.ndarray, channels: tuple[str, ...], dt: float) -> dict[str, Marginal]:
         """Unknown parameters of ε and their priors.
 
         Parameters
@@ -53,6 +53,8 @@ class Discrepancy(ABC):
             The measurement.
         channels : tuple of str
             Names of its channels.
+        dt : float
+            Its time step [s].
 
         Returns
         -------
@@ -61,7 +63,7 @@ class Discrepancy(ABC):
         """
 
     @abstractmethod
-    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of the whole residual, inside JAX.
 
         Parameters
@@ -72,6 +74,8 @@ class Discrepancy(ABC):
             The unknown parameters.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -80,7 +84,7 @@ class Discrepancy(ABC):
         """
 
     @abstractmethod
-    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every observation given those before it, inside JAX.
 
         Parameters
@@ -91,6 +95,8 @@ class Discrepancy(ABC):
             The unknown parameters.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -99,7 +105,7 @@ class Discrepancy(ABC):
         """
 
     @abstractmethod
-    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Linear map of a residual to independent unit normals, inside JAX.
 
         Parameters
@@ -110,6 +116,8 @@ class Discrepancy(ABC):
             The unknown parameters.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -124,6 +132,7 @@ class Discrepancy(ABC):
         shape: tuple[int, int, int],
         unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
+        dt: float,
     ) -> np.ndarray:
         """Draw ε.
 
@@ -137,6 +146,8 @@ class Discrepancy(ABC):
             The unknown parameters.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -186,7 +197,7 @@ class IID(Discrepancy):
             )
         return self.variance[channel]
 
-    def parameters(self, values: np.ndarray, channels: tuple[str, ...]) -> dict[str, Marginal]:
+    def parameters(self, values: np.ndarray, channels: tuple[str, ...], dt: float) -> dict[str, Marginal]:
         """Unknown variances and their priors; see `Discrepancy.parameters`.
 
         Parameters
@@ -195,6 +206,8 @@ class IID(Discrepancy):
             The measurement.
         channels : tuple of str
             Names of its channels.
+        dt : float
+            Its time step [s].
 
         Returns
         -------
@@ -226,7 +239,7 @@ class IID(Discrepancy):
             rows.append(numpy.broadcast_to(numpy.asarray(known, dtype=np.float64), (runs,)))
         return numpy.stack(rows)
 
-    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`.
 
         Parameters
@@ -237,6 +250,8 @@ class IID(Discrepancy):
             The unknown variances.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -271,7 +286,7 @@ class IID(Discrepancy):
         variance = self._variances(unknown, channels, squares.shape[1], jnp)
         return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
 
-    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`.
 
         Parameters
@@ -282,6 +297,8 @@ class IID(Discrepancy):
             The unknown variances.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -293,7 +310,7 @@ class IID(Discrepancy):
         variance = self._variances(unknown, channels, residual.shape[2], jnp)
         return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
 
-    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...]) -> Any:
+    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Divide by σ; see `Discrepancy.whiten`.
 
         Parameters
@@ -304,6 +321,8 @@ class IID(Discrepancy):
             The unknown variances.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------
@@ -320,6 +339,7 @@ class IID(Discrepancy):
         shape: tuple[int, int, int],
         unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
+        dt: float,
     ) -> np.ndarray:
         """Draw white noise; see `Discrepancy.draw`.
 
@@ -333,6 +353,8 @@ class IID(Discrepancy):
             The unknown variances.
         channels : tuple of str
             Names of the channels.
+        dt : float
+            Time step [s].
 
         Returns
         -------

@@ -106,7 +106,8 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
         response, _ = model.response(posterior.model_parameters(moved), posterior.observations[index].record, stages)
         shown = posterior.instrument(response, moved, index)
         unknown = jax.lax.stop_gradient(posterior.unknowns(point, index))
-        return posterior.discrepancy.whiten(shown, unknown, posterior.observations[index].channels)
+        observation = posterior.observations[index]
+        return posterior.discrepancy.whiten(shown, unknown, observation.channels, observation.record.dt)
 
     def sensitivity(stages: Any, index: int) -> np.ndarray:
         def along(direction: Any) -> Any:

@@ -261,7 +261,9 @@ class Posterior(Target):
             model.check_excitation(observation.record)
         extra = {}
         for index, observation in enumerate(self.observations):
-            own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
+            own = observation.nuisances() | self.discrepancy.parameters(
+                observation.values, observation.channels, observation.record.dt
+            )
             extra.update({self._label(name, index): prior for name, prior in own.items()})
         self.space = space.extended(**extra)
         self.names = self.space.names
@@ -351,7 +353,9 @@ class Posterior(Target):
             The values.
         """
         observation = self.observations[index]
-        own = observation.nuisances() | self.discrepancy.parameters(observation.values, observation.channels)
+        own = observation.nuisances() | self.discrepancy.parameters(
+            observation.values, observation.channels, observation.record.dt
+        )
         return {name: theta[:, self.names.index(self._label(name, index))] for name in own}
 
     def discrepancy_names(self, index: int) -> tuple[str, ...]:
@@ -368,7 +372,7 @@ class Posterior(Target):
             As they stand in `names`.
         """
         observation = self.observations[index]
-        own = self.discrepancy.parameters(observation.values, observation.channels)
+        own = self.discrepancy.parameters(observation.values, observation.channels, observation.record.dt)
         return tuple(self._label(name, index) for name in own)
 
     def model_parameters(self, theta: Any) -> Any:
@@ -410,8 +414,9 @@ class Posterior(Target):
 
     def _likelihood_given(self, response: Any, theta: Any, values: Any, index: int) -> Any:
         residual = values[:, :, None] - self.instrument(response, theta, index)
-        channels = self.observations[index].channels
-        return self.discrepancy.log_likelihood(residual, self.unknowns(theta, index), channels)
+        observation = self.observations[index]
+        unknown = self.unknowns(theta, index)
+        return self.discrepancy.log_likelihood(residual, unknown, observation.channels, observation.record.dt)
 
     def _log_likelihood(self, theta: Any, data: Any) -> tuple[Any, Any]:
         """Log-likelihood and success of every run; `data` holds stages and values of each observation."""
@@ -641,7 +646,8 @@ class Posterior(Target):
         theta = self._points(theta)
         observation = self.observations[index]
         residual = (observation.values - self.predict(theta, index)).transpose(1, 2, 0)
-        pointwise = self.discrepancy.pointwise(residual, self.unknowns(theta, index), observation.channels)
+        unknown, dt = self.unknowns(theta, index), observation.record.dt
+        pointwise = self.discrepancy.pointwise(residual, unknown, observation.channels, dt)
         return np.asarray(pointwise).transpose(2, 0, 1)
 
     # --- deterministic misfit -----------------------------------------------------------------------------------

@@ -118,7 +118,7 @@ def predict(
     rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index or 0]))
     observable = response.copy()
     noise_shape = (len(response), response.shape[1], measured.stop)
-    observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels)
+    observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
     wanted = [every.index(c) for c in channels]
     return Prediction(
         run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
@@ -236,4 +236,6 @@ def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, 
     rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index]))
     response = posterior.predict(theta, index)
     unknown = posterior.unknowns(theta, index)
-    return response + posterior.discrepancy.draw(rng, response.shape, unknown, posterior.observations[index].channels)
+    observation = posterior.observations[index]
+    dt = observation.record.dt
+    return response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)

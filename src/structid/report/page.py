@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jinja2
 
+from structid.inference.discrepancy import IID
 from structid.journal import write_then_rename
 from structid.report import tables
 from structid.report.content import RUNS_CAPTION, ReportContent, draw_surrogate
@@ -61,6 +62,8 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         settings=content.settings,
         sentence=_sentence(content),
         information=content.information,
+        independent=isinstance(content.posterior.discrepancy, IID),
+        law=content.posterior.discrepancy.describe()["kind"].replace("_", " "),
         has_truth=bool(content.true_values),
         tables={
             "calibration": tables.calibration_tables(content.calibration),

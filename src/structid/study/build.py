@@ -14,7 +14,8 @@ from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.histories import CHANNEL_UNITS, Histories, base_channel
-from structid.inference.discrepancy import IID
+from structid.inference.correlated import AR1, DampedCosine, Matern32
+from structid.inference.discrepancy import IID, Discrepancy
 from structid.inference.ensemble import AIES
 from structid.inference.posterior import Observation, Posterior
 from structid.inference.sampler import Sampler
@@ -559,19 +560,43 @@ def _virtual_experiment(
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 
 
-def _discrepancy(file: StudyFile, channels: tuple[str, ...]) -> IID:
+_LAWS: dict[str, tuple[type[Discrepancy], tuple[str, ...]]] = {
+    "iid": (IID, ("variance", "per_channel")),
+    "ar1": (AR1, ("variance", "white", "correlation_time")),
+    "matern32": (Matern32, ("variance", "white", "correlation_time")),
+    "damped_cosine": (DampedCosine, ("variance", "white", "frequency", "damping")),
+}
+"""Laws of the discrepancy, and the keys each of them knows."""
+
+
+def _discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy:
     section = file.discrepancy
+    law, known = _LAWS[section.kind]
+    given = section.model_fields_set - {"kind"}
+    for key in given:
+        if key not in known:
+            raise InputError(f"key 'discrepancy.{key}'", f"a key that {section.kind} does not know", ", ".join(known))
     units = {CHANNEL_UNITS.get(base_channel(c), ("", ""))[0] for c in channels}
-    if section.variance is not None and len(units) > 1:
-        raise InputError(
-            "key 'discrepancy.variance'",
-            f"one variance for channels in {', '.join(sorted(units))}",
-            "nothing, so that each channel has its own unknown variance",
-        )
-    unit = units.pop()
-    if isinstance(section.variance, PriorSection):
-        return IID(_prior(section.variance, "discrepancy.variance", f"({unit})^2"), section.per_channel)
-    if section.variance is None:
-        return IID(None, section.per_channel)
-    variance = to_si(section.variance, f"({unit})^2", "key 'discrepancy.variance'")
-    return IID(variance, section.per_channel)
+    for key in ("variance", "white"):
+        if getattr(section, key) is not None and len(units) > 1:
+            raise InputError(
+                f"key 'discrepancy.{key}'",
+                f"one variance for channels in {', '.join(sorted(units))}",
+                "nothing, so that each channel has its own unknown variance",
+            )
+    unit = f"({units.pop()})^2"
+    unit_of = {"variance": unit, "white": unit, "correlation_time": "s", "frequency": "Hz", "damping": ""}
+    values = {key: _known_or_prior(getattr(section, key), key, unit_of[key]) for key in given if key in unit_of}
+    if "per_channel" in given:
+        values["per_channel"] = section.per_channel
+    try:
+        return law(**values)
+    except InputError as error:
+        raise InputError(f"table 'discrepancy': {error.where}", error.came, error.allowed, error.cure) from None
+
+
+def _known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:
+    where = f"discrepancy.{key}"
+    if value is None:
+        return None
+    return _prior(value, where, unit) if isinstance(value, PriorSection) else to_si(value, unit, f"key '{where}'")

@@ -236,9 +236,13 @@ class ObservationSection(Section):
 class DiscrepancySection(Section):
     """The law of the difference between model and measurement."""
 
-    kind: Literal["iid"] = "iid"
+    kind: Literal["iid", "ar1", "matern32", "damped_cosine"] = "iid"
     variance: float | str | PriorSection | None = None
     per_channel: bool = True
+    white: float | str | PriorSection | None = None
+    correlation_time: float | str | PriorSection | None = None
+    frequency: float | str | PriorSection | None = None
+    damping: float | str | PriorSection | None = None
 
 
 class SamplerSection(Section):

@@ -1,0 +1,145 @@
+"""Correlated discrepancies: the filter against the dense covariance, draws against their own law, posteriors that know them."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import structid as si
+from structid.errors import InputError
+
+DT, SAMPLES = 0.05, 120
+CHANNELS = ("velocity",)
+
+LAWS = {
+    "AR1": si.AR1(variance=2.0, white=0.3, correlation_time=0.4),
+    "Matern32": si.Matern32(variance=2.0, white=0.1, correlation_time=0.5),
+    "DampedCosine": si.DampedCosine(variance=2.0, white=0.1, frequency=1.5, damping=0.1),
+}
+
+
+def kernel(name, lag):
+    """The kernel as it is written in the literature."""
+    if name == "AR1":
+        return 2.0 * np.exp(-lag / 0.4)
+    if name == "Matern32":
+        scaled = np.sqrt(3.0) * lag / 0.5
+        return 2.0 * (1.0 + scaled) * np.exp(-scaled)
+    natural = 2.0 * np.pi * 1.5
+    eta, omega = 0.1 * natural, natural * np.sqrt(1.0 - 0.01)
+    return 2.0 * np.exp(-eta * lag) * (np.cos(omega * lag) + eta / omega * np.sin(omega * lag))
+
+
+def covariance(name):
+    time = np.arange(SAMPLES) * DT
+    white = LAWS[name].white + 1e-10 * 2.0
+    return kernel(name, np.abs(time[:, None] - time)) + white * np.eye(SAMPLES)
+
+
+@pytest.fixture(params=LAWS)
+def name(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def residual():
+    return np.random.default_rng(1).normal(size=(SAMPLES, 1, 3))
+
+
+def test_the_likelihood_is_that_of_the_dense_covariance(name, residual):
+    dense = scipy.stats.multivariate_normal(np.zeros(SAMPLES), covariance(name))
+    expected = [dense.logpdf(residual[:, 0, k]) for k in range(3)]
+    found = np.asarray(LAWS[name].log_likelihood(residual, {}, CHANNELS, DT))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    pointwise = np.asarray(LAWS[name].pointwise(residual, {}, CHANNELS, DT))
+    np.testing.assert_allclose(pointwise.sum(axis=(0, 1)), expected, rtol=1e-9)
+    # Given the past: the density of the first samples alone is the sum of their terms.
+    first = scipy.stats.multivariate_normal(np.zeros(40), covariance(name)[:40, :40]).logpdf(residual[:40, 0, 0])
+    np.testing.assert_allclose(pointwise[:40, 0, 0].sum(), first, rtol=1e-9)
+
+
+def test_whitening_is_the_inverse_of_the_factor(name, residual):
+    factor = np.linalg.cholesky(covariance(name))
+    found = np.asarray(LAWS[name].whiten(residual, {}, CHANNELS, DT))
+    np.testing.assert_allclose(found[:, 0], np.linalg.solve(factor, residual[:, 0]), rtol=1e-7, atol=1e-9)
+
+
+def test_draws_have_the_covariance(name):
+    draws = LAWS[name].draw(np.random.default_rng(2), (4000, SAMPLES, 1), {}, CHANNELS, DT)[:, :, 0]
+    for lag in (0, 1, 5, 20, 60):
+        products = draws[:, : SAMPLES - lag] * draws[:, lag:]
+        # One product a draw, from its middle: independent of one another.
+        own = products[:, len(products[0]) // 2]
+        error = own.std() / np.sqrt(len(own))
+        expected = kernel(name, lag * DT) + (LAWS[name].white if lag == 0 else 0.0)
+        assert abs(own.mean() - expected) < 4.5 * error
+
+
+def test_what_is_unknown_is_inferred_channel_by_channel():
+    values = np.random.default_rng(3).normal(size=(200, 2))
+    law = si.DampedCosine(damping=0.2, white=si.Uniform(0.0, 2.0))
+    priors = law.parameters(values, ("velocity", "displacement"), 0.01)
+    assert set(priors) == {
+        f"{p}_{c}" for p in ("sigma2", "sigma2_white", "frequency") for c in ("velocity", "displacement")
+    }
+    low, high = priors["frequency_velocity"].quantile(np.array([0.025, 0.975]))
+    assert low == pytest.approx(1.0, rel=1e-3) and high == pytest.approx(50.0, rel=1e-3)
+    unknown = {n: np.full(3, 0.5) for n in priors}
+    both = law.log_likelihood(np.ones((50, 2, 3)), unknown, ("velocity", "displacement"), 0.01)
+    alone = si.DampedCosine(variance=0.5, white=0.5, frequency=0.5, damping=0.2)
+    one = alone.log_likelihood(np.ones((50, 1, 3)), {}, ("velocity",), 0.01)
+    np.testing.assert_allclose(both, 2.0 * np.asarray(one), rtol=1e-10)
+
+
+def test_gradients_are_finite():
+    import jax
+
+    from structid.device import jnp
+
+    law = si.DampedCosine(damping=0.1, white=0.1)
+    residual = jnp.asarray(np.random.default_rng(4).normal(size=(50, 1, 1)))
+
+    def density(p):
+        unknown = {"sigma2": p[:1], "frequency": p[1:2]}
+        return law.log_likelihood(residual, unknown, CHANNELS, DT)[0]
+
+    point = jnp.asarray([1.5, 2.0])
+    slope = np.asarray(jax.grad(density)(point))
+    for j in range(2):
+        step = 1e-5 * np.eye(2)[j]
+        np.testing.assert_allclose(slope[j], (density(point + step) - density(point - step)) / 2e-5, rtol=1e-4)
+
+
+def test_a_posterior_with_correlated_errors_is_wider_and_says_what_they_are():
+    """AR(1) noise: the right law finds its time and is wider than the one that takes the errors for independent."""
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 11.0).scale_to_pga(2.0)
+    space = si.ParameterSpace(stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=1.0, beta=1.0, gamma=0.0, free=space.names)
+    clean = model.simulate(np.array([[7.2e6]]), record).values[0, :, 0]
+    true = si.AR1(variance=float((0.2 * clean.std()) ** 2), white=0.0, correlation_time=0.1)
+    noise = true.draw(np.random.default_rng(5), (1, len(record), 1), {}, CHANNELS, record.dt)[0, :, 0]
+    measured = si.Observation(record, clean + noise)
+    settings = si.SMC(particles=200, steps=20, effective_share=0.5, correlation=0.5)
+    right = si.sample(si.Posterior(space, model, measured, si.AR1(white=1e-8)), settings, seed=1)
+    wrong = si.sample(si.Posterior(space, model, measured), settings, seed=1)
+    time = right.flat[:, right.names.index("correlation_time")]
+    low, high = np.quantile(time, [0.005, 0.995])
+    assert low < 0.1 < high
+    assert right.sd[0] > 1.5 * wrong.sd[0]
+    assert abs(right.mean[0] - 7.2e6) < 4 * right.sd[0]
+    # The data prefer the law that made them, by far.
+    assert right.log_evidence.value > wrong.log_evidence.value + 100
+    prediction = right.predict(draws=20)
+    assert np.isfinite(prediction.observable).all()
+
+
+@pytest.mark.parametrize(
+    ("law", "settings", "words"),
+    [
+        (si.AR1, dict(variance=-1.0), "positive number"),
+        (si.DampedCosine, dict(damping=1.5), "below 1"),
+        (si.Matern32, dict(correlation_time=0.0), "positive number"),
+    ],
+)
+def test_laws_that_make_no_sense(law, settings, words):
+    with pytest.raises(InputError, match=words):
+        law(**settings)
