@@ -309,7 +309,29 @@ def _spanning(low: float, high: float, unit: str) -> Marginal:
 
 
 @dataclass(frozen=True, eq=False)
-class AR1(Correlated):
+class CorrelatedInTime(Correlated):
+    """Laws whose kernel has one parameter beside its variance, a correlation time.
+
+    Parameters
+    ----------
+    variance, white : float, Marginal or None
+        As for `Correlated`.
+    correlation_time : float, Marginal or None
+        ℓ [s].
+    """
+
+    correlation_time: float | Marginal | None = None
+
+    @classmethod
+    def _shapes(cls) -> tuple[str, ...]:
+        return ("correlation_time",)
+
+    def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
+        return _spanning(dt, 0.1 * samples * dt, "s")
+
+
+@dataclass(frozen=True, eq=False)
+class AR1(CorrelatedInTime):
     """Exponential kernel, σ² exp(−τ/ℓ): at a constant step an AR(1) process with φ = exp(−dt/ℓ), plus white noise.
 
     Parameters
@@ -320,23 +342,14 @@ class AR1(Correlated):
         ℓ [s].
     """
 
-    correlation_time: float | Marginal | None = None
-
     kind: ClassVar[str] = "ar1"
-
-    @classmethod
-    def _shapes(cls) -> tuple[str, ...]:
-        return ("correlation_time",)
-
-    def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
-        return _spanning(dt, 0.1 * samples * dt, "s")
 
     def _transition(self, shapes: Mapping[str, Any], dt: float, numpy: Any) -> tuple[Matrix, list[Any]]:
         return [[numpy.exp(-dt / shapes["correlation_time"])]], [numpy.ones_like(shapes["correlation_time"])]
 
 
 @dataclass(frozen=True, eq=False)
-class Matern32(Correlated):
+class Matern32(CorrelatedInTime):
     """Matérn-3/2 kernel, σ² (1 + λτ) exp(−λτ) with λ = √3/ℓ, plus white noise.
 
     Parameters
@@ -347,16 +360,7 @@ class Matern32(Correlated):
         ℓ [s].
     """
 
-    correlation_time: float | Marginal | None = None
-
     kind: ClassVar[str] = "matern32"
-
-    @classmethod
-    def _shapes(cls) -> tuple[str, ...]:
-        return ("correlation_time",)
-
-    def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
-        return _spanning(dt, 0.1 * samples * dt, "s")
 
     def _transition(self, shapes: Mapping[str, Any], dt: float, numpy: Any) -> tuple[Matrix, list[Any]]:
         rate = np.sqrt(3.0) / shapes["correlation_time"]

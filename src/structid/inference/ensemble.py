@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.sampler import Block, Drawn, Keep, Sampler, joined
+from structid.inference.sampler import Block, Drawn, Keep, Sampler, joined, stream
 from structid.inference.target import Target
 from structid.models.base import Progress
 
@@ -237,6 +237,49 @@ def differential_proposal(
     return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
 
 
+def proposed(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, stretch: float, differential_evolution: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Propose a differential-evolution move in a fraction of the steps, else a stretch move.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+    stretch : float
+        a of the stretch move.
+    differential_evolution : float
+        That fraction.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
+    """
+    if rng.random() < differential_evolution:
+        return differential_proposal(rng, moving, resting)
+    return stretch_proposal(rng, moving, resting, stretch)
+
+
+def halves(walkers: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Split an ensemble: first one half moves and the other rests, then the other way round.
+
+    Parameters
+    ----------
+    walkers : int
+        In an ensemble; an even number.
+
+    Returns
+    -------
+    tuple of tuple of slice
+        Moving and resting walkers, twice.
+    """
+    first, second = slice(0, walkers // 2), slice(walkers // 2, None)
+    return (first, second), (second, first)
+
+
 def starting_state(
     target: Target, settings: AIES, seed: int, points: np.ndarray | None = None
 ) -> tuple[EnsembleState, int]:
@@ -269,7 +312,7 @@ def starting_state(
             f"{settings.walkers} for {target.dimension} parameters",
             f"{2 * target.dimension} or more: an ensemble must span the space",
         )
-    rng = _stream(seed, "start", 0)
+    rng = stream(seed, _PURPOSE["start"], 0)
     total = settings.ensembles * settings.walkers
     wanted = total * settings.start_candidates
     phi, density = np.empty((0, target.dimension)), np.empty(0)
@@ -338,7 +381,7 @@ def run_block(
         The state after, and ``phi`` (step, ensemble, walker, parameter), ``log_density``, ``accepted`` (step, ensemble, walker)
         and ``failed`` simulations (step,).
     """
-    rng = _stream(seed, "moves", index)
+    rng = stream(seed, _PURPOSE["moves"], index)
     phi, density = state.phi.copy(), state.log_density.copy()
     ensembles, walkers, dimension = phi.shape
     block: Block = {
@@ -347,9 +390,8 @@ def run_block(
         "accepted": np.empty((steps, ensembles, walkers), dtype=bool),
         "failed": np.zeros(steps, dtype=np.int64),
     }
-    half = walkers // 2
     for step in range(steps):
-        for moving, resting in ((slice(0, half), slice(half, None)), (slice(half, None), slice(0, half))):
+        for moving, resting in halves(walkers):
             accepted, failed = _move(rng, target, settings, phi, density, moving, resting)
             block["accepted"][step, :, moving] = accepted
             block["failed"][step] += failed
@@ -367,10 +409,9 @@ def _move(
     resting: slice,
 ) -> tuple[np.ndarray, int]:
     """Move one half of every ensemble, in place: one batched call of the target."""
-    if rng.random() < settings.differential_evolution:
-        proposal, log_factor = differential_proposal(rng, phi[:, moving], phi[:, resting])
-    else:
-        proposal, log_factor = stretch_proposal(rng, phi[:, moving], phi[:, resting], settings.stretch)
+    proposal, log_factor = proposed(
+        rng, phi[:, moving], phi[:, resting], settings.stretch, settings.differential_evolution
+    )
     value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
     value = value.reshape(log_factor.shape)
     accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density[:, moving]
@@ -394,7 +435,7 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
     EnsembleState
         Every walker within `SETTLING_GAP` nats of its ensemble's median.
     """
-    rng = _stream(seed, "settling", index)
+    rng = stream(seed, _PURPOSE["settling"], index)
     phi, density = state.phi.copy(), state.log_density.copy()
     for ensemble in range(len(phi)):
         lost = density[ensemble] < np.median(density[ensemble]) - SETTLING_GAP
@@ -418,7 +459,3 @@ def block_lengths(steps: int) -> Iterator[int]:
     """
     for begin in range(0, steps, BLOCK_STEPS):
         yield min(BLOCK_STEPS, steps - begin)
-
-
-def _stream(seed: int, purpose: str, index: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence([seed, _PURPOSE[purpose], index]))

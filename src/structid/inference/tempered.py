@@ -16,8 +16,8 @@ import scipy.optimize
 from scipy.special import expit, logsumexp
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.ensemble import BLOCK_STEPS, block_lengths, differential_proposal, stretch_proposal
-from structid.inference.sampler import Block, Drawn, Evidence, Keep, Sampler, joined
+from structid.inference.ensemble import BLOCK_STEPS, block_lengths, halves, proposed
+from structid.inference.sampler import Block, Drawn, Evidence, Keep, Sampler, joined, stream
 from structid.inference.target import Target
 from structid.models.base import Progress
 
@@ -160,7 +160,7 @@ class SMC(Sampler):
                     f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} stages. Check the "
                     "likelihood: it is finite almost nowhere, or far too narrow for these particles."
                 )
-            population, block = run_stage(self, target, population, _stream(seed, "stage", number))
+            population, block = run_stage(self, target, population, stream(seed, _PURPOSE["stage"], number))
             keep(number, block)
             blocks = [*blocks, block]
             if progress is not None:
@@ -169,7 +169,7 @@ class SMC(Sampler):
         for index, length in enumerate(block_lengths(self.steps)):
             if first + index < len(blocks):
                 continue
-            population, block = run_moves(self, target, population, _stream(seed, "moves", index), length)
+            population, block = run_moves(self, target, population, stream(seed, _PURPOSE["moves"], index), length)
             keep(first + index, block)
             blocks = [*blocks, block]
             if progress is not None:
@@ -255,7 +255,7 @@ def starting_population(settings: SMC, target: Target, seed: int) -> Population:
         At β = 0.
     """
     shape = (settings.ensembles, settings.particles)
-    phi = target.initial(settings.ensembles * settings.particles, _stream(seed, "start", 0))
+    phi = target.initial(settings.ensembles * settings.particles, stream(seed, _PURPOSE["start"], 0))
     prior, likelihood, _ = target.evaluate_parts(phi)
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(
@@ -360,13 +360,12 @@ def move(
         After, which moved, and how many simulations failed.
     """
     phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
-    half, failed_simulations = settings.particles // 2, 0
+    failed_simulations = 0
     accepted = np.zeros(prior.shape, dtype=bool)
-    for moving, resting in ((slice(0, half), slice(half, None)), (slice(half, None), slice(0, half))):
-        if rng.random() < settings.differential_evolution:
-            proposal, log_factor = differential_proposal(rng, phi[:, moving], phi[:, resting])
-        else:
-            proposal, log_factor = stretch_proposal(rng, phi[:, moving], phi[:, resting], settings.stretch)
+    for moving, resting in halves(settings.particles):
+        proposal, log_factor = proposed(
+            rng, phi[:, moving], phi[:, resting], settings.stretch, settings.differential_evolution
+        )
         parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())
@@ -413,10 +412,6 @@ def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> floa
     while lacking(smallest) < 0.0:
         smallest -= 5.0
     return float(exponent + np.exp(scipy.optimize.brentq(lacking, smallest, largest, xtol=1e-6)))
-
-
-def _stream(seed: int, purpose: str, index: int) -> np.random.Generator:
-    return np.random.default_rng(np.random.SeedSequence([seed, _PURPOSE[purpose], index]))
 
 
 def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
