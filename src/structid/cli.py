@@ -290,6 +290,9 @@ def _finish(outcome: Outcome) -> None:
     summary = (outcome.calibration or outcome.result).summary()
     screen.print(str(summary), markup=False, soft_wrap=True)
     screen.print()
+    if outcome.result.cost is not None:
+        screen.print(f"Exact: {outcome.result.cost}", style="green", soft_wrap=True)
+        screen.print()
     if outcome.calibration is not None:
         certificate = outcome.calibration.certificate
         screen.print(

@@ -95,6 +95,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
             mesh=mesh(),
             in_specs=(PartitionSpec("runs"), PartitionSpec()),
             out_specs=specs,
+            check_vma=False,  # the loops of other libraries begin from constants, which it would refuse
         )(theta, constants)
 
     def call(theta: Any, *constants: Any) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 
 import structid as si
 from structid.inference.chain_store import ChainStore
+from studies import PLAIN, shortened
 
 SCRIPT = """
 import sys, numpy as np, structid as si
@@ -81,11 +82,10 @@ def _identity(target, settings):
 
 def test_a_killed_study_goes_on_to_the_same_draws(tmp_path):
     """`structid run`, killed while it samples, then `--resume`: the bits of an undisturbed run."""
-    from structid import cli
     from structid.study.run import load
 
     study = tmp_path / "study.toml"
-    text = cli.template("bouc_wen").replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
+    text = shortened(PLAIN, "9 s")
     text = text.replace("steps = 3000", "steps = 600\nsettling_steps = 100").replace(
         '["pattern_search", "interior_point"]', "[]"
     )

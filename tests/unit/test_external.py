@@ -17,6 +17,7 @@ import structid as si
 from structid.errors import InputError, Status
 from structid.models.external import attempt, packed
 from structid.models.um_bridge import ServedModel
+from studies import PLAIN, shortened
 
 RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")
 
@@ -342,12 +343,9 @@ def test_our_client_runs_a_server_written_with_the_official_package(tmp_path):
 
 
 def test_the_official_client_reads_our_server(tmp_path, study_space):
-    from structid import cli
 
     study = tmp_path / "study.toml"
-    study.write_text(
-        cli.template("bouc_wen").replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
-    )
+    study.write_text(shortened(PLAIN, "9 s"))
     port = free_port()
     command = [sys.executable, "-c", "from structid.cli import main; main()", "serve", str(study), "--port", str(port)]
     process, names = served(command, port)

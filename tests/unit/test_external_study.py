@@ -11,6 +11,7 @@ import structid as si
 from structid import cli
 from structid.errors import InputError, Status
 from structid.study.run import load, report_again, run_study
+from studies import PLAIN
 
 SOLVER = cli.SOLVERS["external"]
 STUDY = (
@@ -90,7 +91,7 @@ def test_failed_runs_are_shown_and_tried_again(folder):
 
 
 def test_a_built_in_model_with_a_campaign_on_two_records(tmp_path):
-    text = cli.template("bouc_wen")
+    text = PLAIN
     text = text[: text.index("[observation]")].replace(
         'lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "5 s"]', 1
     )

@@ -17,10 +17,10 @@ from structid.errors import InputError
 from structid.study.build import build
 from structid.study.run import load, report_again, run_study
 from structid.study.schema import StudyErrors, parse_study
+from studies import PLAIN
 
 SMALL = (
-    cli.template("bouc_wen")
-    .replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
+    PLAIN.replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
     .replace("steps = 3000", "steps = 80\nsettling_steps = 0\nstart_candidates = 2")
     .replace("walkers = 32", "walkers = 12")
     .replace("ensembles = 4", "ensembles = 2")

@@ -86,7 +86,7 @@ class CalibrationResult:
     Parameters
     ----------
     sampling : SamplingResult
-        Draws of the posterior under the last surrogate.
+        Draws of the posterior under the last surrogate, or of the model's own by delayed acceptance.
     certificate : Certificate
         Whether that posterior is the true model's.
     rounds : tuple of Round
@@ -117,9 +117,19 @@ class CalibrationResult:
         return self.rounds[-1].training
 
     @property
+    def exact(self) -> bool:
+        """Whether the draws are of the model's own posterior, whatever the certificate says of the surrogate's."""
+        return self.sampling.cost is not None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the surrogate's error may be forgotten: it is certified, or had no say."""
+        return self.exact or self.certificate.certified
+
+    @property
     def reweighted(self) -> bool:
         """Whether moments and quantiles are those of the certificate's weighted draws and not of the sampler's."""
-        return self.certificate.verdict == "usable with re-weighting"
+        return self.certificate.verdict == "usable with re-weighting" and not self.exact
 
     @property
     def mean(self) -> np.ndarray:

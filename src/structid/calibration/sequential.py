@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,16 +13,18 @@ import numpy as np
 
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
 from structid.calibration.result import CalibrationResult, Round
+from structid.campaign.executors import mapping
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
+from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.inference.discrepancy import Discrepancy
 from structid.inference.posterior import Observation, Posterior
 from structid.inference.sampler import Block, Sampler
 from structid.inference.sampling import sample
 from structid.inference.tempered import SMC
 from structid.journal import Journal, digest
-from structid.models.base import Model, Progress
+from structid.models.base import JaxModel, Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate, SurrogateSettings
@@ -145,7 +148,8 @@ def calibrate(
     plan : Plan, optional
         Everything else about how they are spent; its own budget counts then.
     sampler : Sampler, optional
-        Draws from the surrogate's posterior in the end; `SMC` when left out.
+        Draws from the surrogate's posterior in the end; `SMC` when left out. `DelayedAcceptance` draws from the model's own, at
+        the price of further true runs.
     seed : int
         Seed.
     store : path-like, optional
@@ -334,8 +338,15 @@ class _Loop:
         assert certificate is not None
         surrogate.certified = certificate.certified
         chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
-        seed = _seed(self.seed, "sampling", 0)
-        drawn = sample(under, self.sampler, seed, chains, progress=self._told("sampling"))
+        seed, sampler = _seed(self.seed, "sampling", 0), self.sampler
+        if isinstance(sampler, DelayedAcceptance):  # the model's own posterior, whatever the certificate says
+            sampler = replace(sampler, approximation=surrogate)
+            with nullcontext() if isinstance(self.posterior.model, JaxModel) else mapping(self.executor) as spread:
+                drawn = sample(
+                    self.posterior.spread(spread), sampler, seed, chains, progress=self._told("exact sampling")
+                )
+        else:
+            drawn = sample(under, sampler, seed, chains, progress=self._told("sampling"))
         return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs)
 
     def _told(self, what: str) -> Progress:

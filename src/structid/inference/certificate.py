@@ -40,6 +40,8 @@ class Limits:
     understated : float
         Runs further from the best may be understated by this share of how far they are: a surrogate that is worse there could hide
         a mode that no draw visits.
+    shift : float
+        Re-weighting may move a mean by so many posterior standard deviations, give or take twice the Monte-Carlo error of that.
     usable_size : float
         Smallest effective number of draws with which re-weighted moments may be used.
     """
@@ -50,6 +52,7 @@ class Limits:
     reach: float = 10.0
     excess: float = 3.0
     understated: float = 0.5
+    shift: float = 0.1
     usable_size: float = 50.0
 
     def largest_k_hat(self, draws: int) -> float:
@@ -243,6 +246,13 @@ def certify(
         reasons.append(f"only {size:.0f} of {count} draws are effective after re-weighting")
     if not spread <= limits.spread:
         reasons.append(f"log weights spread by {_number(spread)}, more than {limits.spread:g}")
+    surely = np.abs(shift) - 2.0 * error
+    if surely.max() > limits.shift:
+        worst = int(np.argmax(surely))
+        reasons.append(
+            f"re-weighting moves the mean of {names[worst]} by {shift[worst]:+.2f} ± {error[worst]:.2f} standard deviations, more "
+            f"than {limits.shift:g}"
+        )
     missed = excess > limits.excess
     if missed:
         reasons.append(

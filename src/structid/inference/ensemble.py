@@ -6,19 +6,26 @@ doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.sampler import Block, Drawn, Keep, Sampler, joined, stream
+from structid.inference.sampler import (
+    BLOCK_STEPS,
+    Block,
+    Drawn,
+    Keep,
+    Sampler,
+    block_lengths,
+    joined,
+    stream,
+    without_cut_off,
+)
 from structid.inference.target import Target
 from structid.models.base import Progress
 
-BLOCK_STEPS = 50
-"""Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
 SETTLING_GAP = 30.0
 """Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
 START_TRIES = 50
@@ -140,9 +147,7 @@ class AIES(Sampler):
             Every step, the discarded ones included.
         """
         lengths = list(block_lengths(self.steps))
-        # A last block that an earlier, shorter run cut off is run again whole: its random stream is the block's.
-        if blocks and len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]:
-            blocks = blocks[:-1]
+        blocks = without_cut_off(blocks, lengths)
         if blocks:
             state, start_failures = EnsembleState(blocks[-1]["phi"][-1], blocks[-1]["log_density"][-1]), 0
         else:
@@ -442,20 +447,3 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
         hosts = rng.choice(np.flatnonzero(~lost), size=int(lost.sum()))
         phi[ensemble, lost], density[ensemble, lost] = phi[ensemble, hosts], density[ensemble, hosts]
     return EnsembleState(phi, density)
-
-
-def block_lengths(steps: int) -> Iterator[int]:
-    """Lengths of the blocks a run is made of.
-
-    Parameters
-    ----------
-    steps : int
-        Steps in all.
-
-    Yields
-    ------
-    int
-        Whole blocks, then what is left.
-    """
-    for begin in range(0, steps, BLOCK_STEPS):
-        yield min(BLOCK_STEPS, steps - begin)

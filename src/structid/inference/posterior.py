@@ -234,6 +234,8 @@ class Posterior(Target):
         The law of the difference between model and measurement.
     map : callable, optional
         Spreads the runs of an external model, like ``Executor.map``.
+    refuse_unfit : bool
+        Refuse a surrogate with an error past its limit.
 
     Attributes
     ----------
@@ -248,6 +250,7 @@ class Posterior(Target):
         observations: Observation | Sequence[Observation],
         discrepancy: Discrepancy | None = None,
         map: Map | None = None,
+        refuse_unfit: bool = True,
     ) -> None:
         self.model_space, self.model, self.map = space, model, map
         self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
@@ -255,7 +258,8 @@ class Posterior(Target):
         if not self.observations:
             raise InputError("Posterior.observations", "none", "one Observation or more")
         model.check_names(space.names, space.all_names)
-        model.check_fitness()
+        if refuse_unfit:
+            model.check_fitness()
         for observation in self.observations:
             check_channels("observation.channels", observation.channels, model.channels)
             model.check_excitation(observation.record)
@@ -268,6 +272,23 @@ class Posterior(Target):
         self.space = space.extended(**extra)
         self.names = self.space.names
         self.bijection = self.space.bijection
+
+    @property
+    def knows_prior(self) -> bool:
+        """Always: prior and likelihood can be told apart."""
+        return True
+
+    def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
+        """Give the density as a JAX function; see `Target.traceable`.
+
+        Returns
+        -------
+        tuple of callable and tree of arrays
+            The function, and records and measurements.
+        """
+        if not isinstance(self.model, JaxModel):
+            return super().traceable()
+        return lambda phi, data: self._in_coordinates(phi, data)[0], self._data
 
     def spread(self, map: Map | None) -> Posterior:
         """Return the same posterior with the runs of an external model spread by `map`.
@@ -284,20 +305,22 @@ class Posterior(Target):
         """
         return Posterior(self.model_space, self.model, self.observations, self.discrepancy, map)
 
-    def on(self, model: Model) -> Posterior:
+    def on(self, model: Model, refuse_unfit: bool = True) -> Posterior:
         """Return the posterior of the same parameters and measurements on another model, such as a surrogate.
 
         Parameters
         ----------
         model : Model
             The model.
+        refuse_unfit : bool
+            Refuse a surrogate with an error past its limit.
 
         Returns
         -------
         Posterior
             With that model in the place of this one's.
         """
-        return Posterior(self.model_space, model, self.observations, self.discrepancy, self.map)
+        return Posterior(self.model_space, model, self.observations, self.discrepancy, self.map, refuse_unfit)
 
     def _label(self, name: str, index: int) -> str:
         return name if len(self.observations) == 1 else f"{name}_{index + 1}"
@@ -426,7 +449,7 @@ class Posterior(Target):
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
         parameters = self.model_parameters(theta)
         for index, (stages, values) in enumerate(data):
-            short = self._by_squares(theta, parameters, index)
+            short = self._by_squares(theta, parameters, values, index)
             if short is not None:
                 total, finite = total + short[0], finite & short[1]
                 continue
@@ -436,13 +459,13 @@ class Posterior(Target):
         finite = finite & jnp.isfinite(total)
         return total, finite
 
-    def _by_squares(self, theta: Any, parameters: Any, index: int) -> tuple[Any, Any] | None:
+    def _by_squares(self, theta: Any, parameters: Any, values: Any, index: int) -> tuple[Any, Any] | None:
         """Log-likelihood by the sum of squares alone, where discrepancy and instrument ask for no more and the model can."""
         observation = self.observations[index]
         if not self.discrepancy.sees_only_squares or observation.nuisances():
             return None
         assert isinstance(self.model, JaxModel)
-        found = self.model.squared_misfit(parameters, observation.record, observation.values, observation.channels)
+        found = self.model.squared_misfit(parameters, observation.record, values, observation.channels)
         if found is None:
             return None
         squares, finite = found

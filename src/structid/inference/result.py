@@ -23,7 +23,7 @@ from structid.inference.diagnostics import (
     stuck_walkers,
 )
 from structid.inference.posterior import Posterior
-from structid.inference.sampler import Evidence, Sampler
+from structid.inference.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
 from structid.optimize import pattern_search
 from structid.probability.marginals import Uniform
@@ -110,6 +110,10 @@ class SamplingResult:
         Time spent sampling.
     log_evidence : Evidence, optional
         log Z and its error, of samplers that know it.
+    cost : Cost, optional
+        True runs and those of the surrogate, of delayed acceptance.
+    divergent : int
+        Trajectories that lost their energy, of NUTS.
     """
 
     target: Target
@@ -122,6 +126,8 @@ class SamplingResult:
     failed_simulations: int
     seconds: float
     log_evidence: Evidence | None = None
+    cost: Cost | None = None
+    divergent: int = 0
 
     # --- draws --------------------------------------------------------------------------------------------------
 
@@ -300,6 +306,11 @@ class SamplingResult:
             warnings.append(
                 f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
                 "widen its design, or do more true runs there"
+            )
+        if self.divergent:
+            warnings.append(
+                f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
+                "follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
             )
         if self.failed_simulations:
             warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")

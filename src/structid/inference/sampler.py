@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -15,6 +15,9 @@ from structid.models.base import Progress
 
 Block = dict[str, np.ndarray]
 """Arrays with a leading step axis."""
+
+BLOCK_STEPS = 50
+"""Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
 
 Keep = Callable[[int, Block], None]
 """Adds to a block how long it took, and puts it on disk under its number."""
@@ -63,6 +66,39 @@ class Evidence:
         return f"log evidence {self.value:.2f} ± {self.error:.2f}"
 
 
+@dataclass(frozen=True)
+class Cost:
+    """What a chain cost that a surrogate proposes to.
+
+    Parameters
+    ----------
+    true_runs : int
+        Runs of the model itself, those of the start included.
+    surrogate_runs : int
+        Runs of the surrogate in sub-chains.
+    acceptance : float
+        Share of the proposals that the model accepted, over the kept steps.
+    sub_steps : int
+        Moves of a sub-chain, as tuned.
+    """
+
+    true_runs: int
+    surrogate_runs: int
+    acceptance: float
+    sub_steps: int
+
+    @property
+    def speed_up(self) -> float:
+        """Moves of the chain for each run of the model, refused ones not counted; without the surrogate each takes a run."""
+        return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.true_runs} true runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
+            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each true run"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Drawn:
     """What a sampler has drawn.
@@ -79,6 +115,10 @@ class Drawn:
         Simulations that failed.
     log_evidence : Evidence, optional
         Of samplers that know it.
+    cost : Cost, optional
+        Of samplers that run both a model and its surrogate.
+    divergent : int
+        Trajectories that lost their energy, of samplers that follow some.
     """
 
     phi: np.ndarray
@@ -86,6 +126,8 @@ class Drawn:
     accepted: np.ndarray
     failed: int
     log_evidence: Evidence | None = None
+    cost: Cost | None = None
+    divergent: int = 0
 
 
 class Sampler(ABC):
@@ -152,6 +194,24 @@ class Sampler(ABC):
         """
 
 
+def correlation(before: np.ndarray, after: np.ndarray) -> float:
+    """Largest correlation over the parameters between two places of every walker.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (ensemble, walker, parameter)
+        Where they were, and are.
+
+    Returns
+    -------
+    float
+        1 where none has moved.
+    """
+    a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
+    scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
+    return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))
+
+
 def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
     """Put blocks together.
 
@@ -188,3 +248,39 @@ def stream(seed: int, purpose: int, index: int) -> np.random.Generator:
         The same for the same three.
     """
     return np.random.default_rng(np.random.SeedSequence([seed, purpose, index]))
+
+
+def block_lengths(steps: int) -> Iterator[int]:
+    """Lengths of the blocks a run is made of.
+
+    Parameters
+    ----------
+    steps : int
+        Steps in all.
+
+    Yields
+    ------
+    int
+        Whole blocks, then what is left.
+    """
+    for begin in range(0, steps, BLOCK_STEPS):
+        yield min(BLOCK_STEPS, steps - begin)
+
+
+def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
+    """Leave out a last block that an earlier, shorter run cut off: its random stream is the whole block's.
+
+    Parameters
+    ----------
+    blocks : list of dict
+        What is on disk.
+    lengths : sequence of int
+        Steps of the blocks of the run that is wanted.
+
+    Returns
+    -------
+    list of dict
+        What may be gone on from.
+    """
+    cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
+    return blocks[:-1] if cut_off else blocks

@@ -31,7 +31,7 @@ def sample(
     ----------
     target : Target
         A `Posterior`, or any `LogDensity`.
-    sampler : AIES or SMC, optional
+    sampler : AIES, SMC, NUTS or DelayedAcceptance, optional
         The sampler and its settings; AIES when left out.
     seed : int
         Seed; the same one gives the same draws.
@@ -39,7 +39,8 @@ def sample(
         HDF5 file for the draws. A killed run continues from it to the same bits; a finished one is read; with more steps it is
         continued. A store of another target, sampler or seed is refused.
     start : array-like, shape (point, parameter), optional
-        For AIES: points in SI, inside the support, among which the walkers start; drawn from the target's prior when left out.
+        For AIES, NUTS and delayed acceptance: points in SI, inside the support, among which the walkers start; drawn from the
+        target's prior, or tempered posterior, when left out.
         Spread them wider than the posterior, or R-hat has nothing to find.
     progress : callable, optional
         Told how far it is, and of how much.
@@ -92,4 +93,6 @@ def sample(
         failed_simulations=drawn.failed,
         seconds=sum(seconds.values()),
         log_evidence=drawn.log_evidence,
+        cost=drawn.cost,
+        divergent=drawn.divergent,
     )

@@ -75,6 +75,31 @@ class Target(ABC):
             "a Posterior, or LogDensity(initial=ParameterSpace(…))",
         )
 
+    @property
+    def knows_prior(self) -> bool:
+        """Whether prior and likelihood can be told apart."""
+        return False
+
+    def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
+        """Give the density as a JAX function, for samplers that differentiate it.
+
+        Returns
+        -------
+        tuple of callable and tree of arrays
+            ``function(phi[run, parameter], data)`` to the log density in unconstrained coordinates, and the data.
+
+        Raises
+        ------
+        InputError
+            If the density is not a JAX function.
+        """
+        raise InputError(
+            "NUTS",
+            f"a {type(self).__name__} without derivatives",
+            "a posterior on a built-in model or a surrogate, or LogDensity(backend='jax')",
+            "Use SMC or AIES, which need none.",
+        )
+
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log density with respect to the parameters.
@@ -153,13 +178,33 @@ class LogDensity(Target):
 
         from structid.device import over_runs
 
+        in_coordinates, data = self.traceable()
+        return over_runs(jax.vmap(self._function)), over_runs(lambda phi: in_coordinates(phi, data))
+
+    @property
+    def knows_prior(self) -> bool:
+        """Whether `initial` is a space, which is taken for the prior."""
+        return isinstance(self._initial, ParameterSpace)
+
+    def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
+        """Give the density as a JAX function; see `Target.traceable`.
+
+        Returns
+        -------
+        tuple of callable and tree of arrays
+            The function, and no data.
+        """
+        if self.backend != "jax":
+            return super().traceable()
+        import jax
+
         batched = jax.vmap(self._function)
 
-        def in_coordinates(phi: Any) -> Any:
+        def in_coordinates(phi: Any, data: Any) -> Any:
             theta, jacobian = self.bijection.forward(phi)
             return batched(theta) + jacobian
 
-        return over_runs(batched), over_runs(in_coordinates)
+        return in_coordinates, ()
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log density with respect to the parameters; see `Target.log_density`.
@@ -217,7 +262,7 @@ class LogDensity(Target):
             Log prior, log-likelihood (the density divided by the prior), and where it was NaN.
         """
         if not isinstance(self._initial, ParameterSpace):
-            return super().evaluate_parts(phi)
+            return super().evaluate_parts(phi)  # refuses
         density, failed = self.evaluate(phi)
         theta, jacobian = self.bijection(phi)
         space = self._initial

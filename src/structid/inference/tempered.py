@@ -16,8 +16,20 @@ import scipy.optimize
 from scipy.special import expit, logsumexp
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.ensemble import BLOCK_STEPS, block_lengths, halves, proposed
-from structid.inference.sampler import Block, Drawn, Evidence, Keep, Sampler, joined, stream
+from structid.inference.ensemble import halves, proposed
+from structid.inference.sampler import (
+    BLOCK_STEPS,
+    Block,
+    Drawn,
+    Evidence,
+    Keep,
+    Sampler,
+    block_lengths,
+    correlation,
+    joined,
+    stream,
+    without_cut_off,
+)
 from structid.inference.target import Target
 from structid.models.base import Progress
 
@@ -301,7 +313,7 @@ def run_stage(
     for count in range(1, settings.most_moves + 1):
         moved, accepted, more = move(settings, target, moved, rng)
         failed += more
-        if count >= settings.least_moves and _correlation(drawn.phi, moved.phi) < settings.correlation:
+        if count >= settings.least_moves and correlation(drawn.phi, moved.phi) < settings.correlation:
             break
     return moved, _block([moved], [accepted], [failed])
 
@@ -420,13 +432,6 @@ def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
 
 
-def _correlation(before: np.ndarray, after: np.ndarray) -> float:
-    """Largest correlation over the parameters between two places of every particle."""
-    a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
-    scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
-    return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))
-
-
 def _block(populations: list[Population], accepted: list[np.ndarray], failed: list[int]) -> Block:
     several = ("phi", "prior", "likelihood", "log_density", "exponent")
     block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
@@ -485,14 +490,9 @@ def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, flo
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
-    """Leave out a last block that an earlier, shorter run cut off: its random stream is the whole block's."""
-    if not blocks or blocks[-1]["exponent"][0] < 1.0:
-        return blocks
-    reached = next(i for i, b in enumerate(blocks) if b["exponent"][-1] == 1.0)
-    lengths = list(block_lengths(steps))
-    index = len(blocks) - reached - 2
-    cut_off = 0 <= index < len(lengths) and len(blocks[-1]["exponent"]) < lengths[index]
-    return blocks[:-1] if cut_off else blocks
+    """The stages, and those of the moves after them that a run of so many steps has whole."""
+    stages = next((i + 1 for i, b in enumerate(blocks) if b["exponent"][-1] == 1.0), len(blocks))
+    return blocks[:stages] + without_cut_off(blocks[stages:], list(block_lengths(steps)))
 
 
 def _drawn(blocks: list[Block], steps: int) -> Drawn:

@@ -206,7 +206,7 @@ class ReportContent:
             others=others,
             model=true_posterior.model,
             runs=runs,
-            surrogate=posterior.model if isinstance(posterior.model, Surrogate) else None,
+            surrogate=_surrogate_of(result),
             calibration=calibration,
         )
 
@@ -476,6 +476,12 @@ def draw_surrogate(surrogate: Surrogate, folder: Path) -> list[tuple[str, str]]:
              "history, peaks, samples, and the distribution of the error.")
         )  # fmt: skip
     return drawn
+
+
+def _surrogate_of(result: SamplingResult) -> Surrogate | None:
+    """The surrogate that was sampled, or that made the proposals."""
+    model = getattr(result.sampler, "approximation", None) or getattr(result.target, "model", None)
+    return model if isinstance(model, Surrogate) else None
 
 
 def _other(

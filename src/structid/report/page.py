@@ -56,6 +56,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
     page = _template("report.html").render(
         title=content.title,
         verdict=verdict,
+        cost=content.result.cost,
         certificate=None if content.calibration is None else content.calibration.certificate,
         sections=_SECTIONS,
         figures=figures,

@@ -201,7 +201,7 @@ def run_table(content: ReportContent, timings: dict[str, float]) -> Table:
     rows = [
         ["model", str(content.posterior.model)],
         ["sampler", f"{sampler.in_words}, seed {result.seed}"],
-        ["model runs in sampling", f"{steps * ensembles * walkers:,}"],
+        ["model runs in sampling", f"{steps * ensembles * walkers:,}" if result.cost is None else str(result.cost)],
     ]
     heads, versions = versions_table(timings)
     return heads, rows + versions

@@ -15,8 +15,10 @@ from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.histories import CHANNEL_UNITS, Histories, base_channel
 from structid.inference.correlated import AR1, DampedCosine, Matern32
+from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.inference.discrepancy import IID, Discrepancy
 from structid.inference.ensemble import AIES
+from structid.inference.gradient import NUTS
 from structid.inference.posterior import Observation, Posterior
 from structid.inference.sampler import Sampler
 from structid.inference.tempered import SMC
@@ -245,10 +247,15 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     return study
 
 
+_SAMPLERS: dict[str, type[Any]] = {
+    "aies": AIES, "smc": SMC, "nuts": NUTS, "delayed_acceptance": DelayedAcceptance,
+}  # fmt: skip
+"""Samplers by the word for them."""
+
+
 def _sampler(section: SamplerSection) -> Sampler:
-    kinds: dict[str, type[AIES] | type[SMC]] = {"aies": AIES, "smc": SMC}
-    kind = kinds[section.kind]
-    known = [f.name for f in fields(kind)]
+    kind = _SAMPLERS[section.kind]
+    known = [f.name for f in fields(kind) if f.name in SamplerSection.model_fields]
     given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}
     for key in given:
         if key not in known:
@@ -259,10 +266,11 @@ def _sampler(section: SamplerSection) -> Sampler:
         given = {**AIES_DEFAULTS, **given}
         given.setdefault("settling_steps", min(500, int(given["discard"] * given["steps"])))
     try:
-        return kind(**given)
+        sampler: Sampler = kind(**given)
     except InputError as error:
         key = error.where.replace(f"{kind.__name__}.", "sampler.")
         raise InputError(f"key '{key}'", error.came, error.allowed, error.cure) from None
+    return sampler
 
 
 def _plan(section: CalibrationSection | None) -> Plan | None:
@@ -290,6 +298,12 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "it is given with kind = 'none'",
             "a kind of surrogate, or no key beside kind",
         )
+    if isinstance(study.sampler, DelayedAcceptance) and not study.has_surrogate:
+        raise InputError(
+            "key 'sampler.kind'",
+            "'delayed_acceptance' without a [surrogate]",
+            "a kind of surrogate that makes proposals",
+        )
     if study.plan is not None:
         _check_calibration(study, study.plan)
     if study.campaign is not None and study.has_surrogate:
@@ -297,7 +311,13 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
-    if study.sampler.walkers < 2 * dimension:
+    if isinstance(study.sampler, NUTS):
+        if not (study.has_surrogate or isinstance(study.model, JaxModel)):
+            raise InputError(
+                "key 'sampler.kind'", "'nuts' for an external model, which has no derivatives",
+                "'aies' or 'smc', or a [surrogate]",
+            )  # fmt: skip
+    elif study.sampler.walkers < 2 * dimension:
         raise InputError(
             "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"
         )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from structid.errors import InputError, Status
+from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.models.base import JaxModel
 from structid.study.build import BuiltStudy
 
@@ -87,6 +88,8 @@ def estimate(study: BuiltStudy) -> Cost:
         true_runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
     elif study.has_surrogate:  # samples itself, in seconds
         true_runs += study.validation_runs
+    if isinstance(study.sampler, DelayedAcceptance):
+        true_runs += study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
     sampling_runs = (
         0
         if study.posterior is None or study.has_surrogate

@@ -21,6 +21,7 @@ from structid.campaign.executors import mapping, open_pool
 from structid.campaign.runner import Campaign
 from structid.campaign.store import open_runs
 from structid.errors import InputError, StructidWarning
+from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult
 from structid.inference.sampling import sample
@@ -93,7 +94,7 @@ class Outcome:
     @property
     def trusted(self) -> bool:
         """Whether its numbers may be believed: converged, and certified where that was asked for."""
-        certified = self.calibration is None or self.calibration.certificate.certified
+        certified = self.calibration is None or self.calibration.trusted
         return certified and (self.result is None or self.result.verdict().converged)
 
 
@@ -341,7 +342,9 @@ def _calibration(
     study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None, surrogate: Surrogate | None
 ) -> Outcome:
     true_posterior = study.sampled
-    if surrogate is not None:
+    if surrogate is not None and isinstance(study.sampler, DelayedAcceptance):
+        study = replace(study, sampler=replace(study.sampler, approximation=surrogate))
+    elif surrogate is not None:
         try:
             study = replace(study, posterior=true_posterior.on(surrogate))
         except InputError:
@@ -377,7 +380,7 @@ def _certified(study: BuiltStudy, plan: Plan, folder: Path, stage: Stage, timing
                     executor=executor,
                     progress=told,
                 )
-            under = replace(study, posterior=study.sampled.on(found.surrogate))
+            under = study if found.exact else replace(study, posterior=study.sampled.on(found.surrogate))
             searches = _deterministic(under, folder, stage, timings)
             report = _report(under, found.sampling, searches, folder, stage, timings, found.runs, study.sampled, found)
     return Outcome(found.sampling, searches, report, found.runs, found.surrogate, found)

@@ -246,9 +246,9 @@ class DiscrepancySection(Section):
 
 
 class SamplerSection(Section):
-    """The sampler; see `AIES` and `SMC`. What is left out has defaults that converge on the benchmark study."""
+    """The sampler; see `AIES`, `SMC`, `NUTS`, `DelayedAcceptance`. What is left out converges on the benchmark study."""
 
-    kind: Literal["aies", "smc"] = "aies"
+    kind: Literal["aies", "smc", "nuts", "delayed_acceptance"] = "aies"
     walkers: int | None = None
     particles: int | None = None
     steps: int | None = None
@@ -260,6 +260,12 @@ class SamplerSection(Section):
     settling_steps: int | None = None
     effective_share: float | None = None
     correlation: float | None = None
+    chains: int | None = None
+    warm_up: int | None = None
+    target_acceptance: float | None = None
+    tuning: int | None = None
+    sub_steps: int | None = None
+    most_sub_steps: int | None = None
 
 
 class DeterministicSection(Section):

@@ -402,7 +402,7 @@ class ResponseSpaceSurrogate(Surrogate):
             residual = values[:, column] - fit.mean.reshape(shape)[:, place] * fit.scale[place]
             # What no combination of modes reaches is left apart, so that a small misfit keeps its digits.
             inner = modes @ modes.T
-            nearest = np.linalg.lstsq(inner, modes @ residual, rcond=None)[0]
+            nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
             left_over = residual - nearest @ modes
             gap = scores - nearest
             sums.append(

@@ -1,0 +1,358 @@
+"""Delayed acceptance: a surrogate makes long proposals, and each is accepted or refused by one run of the model itself.
+
+J. A. Christen & C. Fox (2005), "Markov chain Monte Carlo using an approximation", doi 10.1198/106186005X76983; several steps of
+the approximation as one proposal: J. S. Liu (2001), "Monte Carlo Strategies in Scientific Computing", §9.4.3. The draws are
+those of the model's posterior whatever the surrogate; a bad one only makes them slower.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from structid.errors import ConvergenceError, InputError
+from structid.inference.ensemble import halves, proposed
+from structid.inference.posterior import Posterior
+from structid.inference.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
+from structid.inference.starting import tempered_draws
+from structid.inference.target import Target
+from structid.models.base import JaxModel, Model, Progress
+
+START_TRIES = 5
+"""Rounds of looking for starting points at which the model itself has a density."""
+GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
+"""Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
+DECORRELATED = 0.3
+"""Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
+
+_PURPOSE = {"start": 21, "steps": 22}
+
+
+@dataclass(frozen=True, eq=False)
+class DelayedAcceptance(Sampler):
+    """Settings of delayed acceptance with ensemble moves.
+
+    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s, stretch and
+    differential-evolution moves that look only at the resting half, which stays where it is. Where it ends, x′, is one proposal,
+    accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each.
+
+    Parameters
+    ----------
+    approximation : Surrogate, Model or Target
+        What makes the proposals: a model in the place of the posterior's, or a density of the same parameters. A study gives the
+        surrogate it has fitted.
+    walkers : int
+        Walkers in an ensemble, even and at least twice the number of parameters.
+    steps : int
+        Steps of every walker: so many runs of the model each.
+    ensembles : int
+        Independent ensembles; R-hat compares them.
+    discard : float
+        Fraction of the steps dropped at the start.
+    tuning : int
+        First steps during which L is tuned by the acceptance; they must lie within the discarded part.
+    sub_steps : int
+        L to begin with.
+    most_sub_steps : int
+        L at most.
+    stretch : float
+        a of the stretch move.
+    differential_evolution : float
+        Fraction of the moves that are differential-evolution moves in the place of the stretch.
+    """
+
+    approximation: Model | Target | None = field(default=None, repr=False)
+    walkers: int = 32
+    steps: int = 30
+    ensembles: int = 4
+    discard: float = 0.34
+    tuning: int = 10
+    sub_steps: int = 16
+    most_sub_steps: int = 256
+    stretch: float = 2.0
+    differential_evolution: float = 0.5
+
+    # Sub-chains are made as long as the surrogate's posterior forgets in.
+    needed_length: ClassVar[float] = 5.0
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("walkers", 4), ("steps", 2), ("ensembles", 1), ("tuning", 0), ("sub_steps", 1), ("most_sub_steps", 1),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"DelayedAcceptance.{name}", f"{value!r}", f"a whole number, {least} or more")
+        if self.walkers % 2:
+            raise InputError("DelayedAcceptance.walkers", f"{self.walkers}", "an even number: two halves take turns")
+        if not self.stretch > 1.0:
+            raise InputError("DelayedAcceptance.stretch", f"{self.stretch}", "a number above 1")
+        if not 0.0 <= self.differential_evolution <= 1.0:
+            came = f"{self.differential_evolution}"
+            raise InputError("DelayedAcceptance.differential_evolution", came, "a fraction from 0 to 1")
+        if not 0.0 <= self.discard < 1.0:
+            raise InputError("DelayedAcceptance.discard", f"{self.discard}", "a fraction from 0 to below 1")
+        if self.tuning > int(self.discard * self.steps):
+            raise InputError(
+                "DelayedAcceptance.tuning",
+                f"{self.tuning}",
+                f"at most the {int(self.discard * self.steps)} steps that are discarded",
+                "A chain that is being tuned is no Markov chain: its steps must not be kept.",
+            )
+
+    def describe(self) -> dict[str, float | str]:
+        """Settings that decide the draws: all but the number of steps and what is dropped.
+
+        Returns
+        -------
+        dict
+            For hashes; more steps continue the same chain.
+        """
+        said = {
+            f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("approximation", "steps", "discard")
+        }
+        approximation = "" if self.approximation is None else self.approximation.content_hash
+        return {"kind": "delayed_acceptance", "approximation": approximation, **said}
+
+    @property
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+        return (
+            f"delayed acceptance, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, "
+            f"{self.discard:.0%} discarded: the model itself decides on every step"
+        )
+
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw; see `Sampler.run`.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample: a posterior on the model itself.
+        seed : int
+            Seed.
+        start : ndarray (point, parameter) or None
+            Points in SI among which the walkers start; those of the tempered surrogate posterior when left out.
+        blocks : list of dict
+            What is already on disk; a block is one step.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Told how many steps are done.
+
+        Returns
+        -------
+        Drawn
+            Every step, the discarded ones included, and what they cost.
+        """
+        proposing = self._proposing(target)
+        if self.walkers < 2 * target.dimension:
+            raise InputError(
+                "DelayedAcceptance.walkers",
+                f"{self.walkers} for {target.dimension} parameters",
+                f"{2 * target.dimension} or more: an ensemble must span the space",
+            )
+        if not blocks:
+            state, runs, failed = self._start(target, proposing, seed, start)
+            blocks = [_block(state, np.zeros(state.log_density.shape, dtype=bool), failed, runs, 0, self.sub_steps)]
+            keep(0, blocks[0])
+        for number in range(len(blocks), self.steps):
+            state, length = TwoStageState.of(blocks[-1]), int(blocks[-1]["next_sub_steps"][-1])
+            block = self._step(target, proposing, state, length, number < self.tuning, _stream_of(seed, number))
+            keep(number, block)
+            blocks = [*blocks, block]
+            if progress is not None:
+                progress(number + 1, self.steps)
+        every = joined(blocks, self.steps)
+        kept = slice(int(self.discard * self.steps), None)
+        cost = Cost(
+            true_runs=int(every["true_runs"].sum()),
+            surrogate_runs=int(every["surrogate_runs"].sum()),
+            acceptance=float(every["accepted"][kept].mean()),
+            sub_steps=int(every["sub_steps"][-1]),
+        )
+        return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
+
+    def _proposing(self, target: Target) -> Target:
+        """The density that makes the proposals."""
+        approximation = self.approximation
+        if isinstance(approximation, Model) and isinstance(target, Posterior):
+            approximation = target.on(approximation, refuse_unfit=False)  # exact whatever its error
+        if not isinstance(approximation, Target) or approximation.names != target.names:
+            raise InputError(
+                "DelayedAcceptance.approximation",
+                "nothing" if approximation is None else f"a {type(approximation).__name__}",
+                f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
+            )
+        return approximation
+
+    def _start(
+        self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
+    ) -> tuple[TwoStageState, int, int]:
+        """Starting points at which both densities are finite; true runs they took, and how many failed."""
+        rng = stream(seed, _PURPOSE["start"], 0)
+        if points is None:
+            candidates = tempered_draws(proposing, seed)
+        else:
+            candidates = target.bijection.inverse(np.asarray(points, dtype=np.float64))
+        wanted = self.ensembles * self.walkers
+        phi, log_density = np.empty((0, target.dimension)), np.empty(0)
+        runs = failed_runs = 0
+        for _ in range(START_TRIES):
+            fresh = candidates[rng.integers(len(candidates), size=wanted - len(phi))]
+            value, failed = target.evaluate(fresh)
+            runs, failed_runs = runs + len(fresh), failed_runs + int(failed.sum())
+            # Where the surrogate gives no density, no proposal could ever be accepted.
+            good = np.isfinite(value) & np.isfinite(proposing.evaluate(fresh)[0])
+            phi, log_density = np.concatenate([phi, fresh[good]]), np.concatenate([log_density, value[good]])
+            if len(phi) >= wanted:
+                break
+        else:
+            raise ConvergenceError(
+                f"Only {len(phi)} of {runs} points of the surrogate's posterior have a density under the model itself "
+                f"({failed_runs} simulations failed). Do more true runs there: structid.calibrate does."
+            )
+        phi, log_density = phi[:wanted], log_density[:wanted]
+        shape = (self.ensembles, self.walkers)
+        log_surrogate = proposing.evaluate(phi)[0].reshape(shape)
+        return TwoStageState(phi.reshape(*shape, -1), log_density.reshape(shape), log_surrogate), runs, failed_runs
+
+    def _step(
+        self,
+        target: Target,
+        proposing: Target,
+        state: TwoStageState,
+        length: int,
+        tuning: bool,
+        rng: np.random.Generator,
+    ) -> Block:
+        """Move one half of every ensemble, then the other: a sub-chain and a true run for each walker."""
+        before = state.phi
+        phi, log_density, log_surrogate = (a.copy() for a in state)
+        ends = phi.copy()
+        accepted = np.zeros(log_density.shape, dtype=bool)
+        failed_runs = true_runs = surrogate_runs = 0
+        for moving, resting in halves(self.walkers):
+            proposal, value = self._sub_chain(
+                proposing, phi[:, moving], log_surrogate[:, moving], phi[:, resting], length, rng
+            )
+            surrogate_runs += length * value.size
+            ends[:, moving] = proposal
+            moved = (proposal != phi[:, moving]).any(axis=2)
+            new_true, count, failed = _true_density(target, proposal, moved)
+            true_runs, failed_runs = true_runs + count, failed_runs + failed
+            # min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}
+            log_ratio = new_true - log_density[:, moving] + log_surrogate[:, moving] - value
+            better = moved & (np.log(rng.random(value.shape)) < log_ratio)
+            phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
+            log_surrogate[:, moving][better] = value[better]
+            accepted[:, moving] = better
+        following = self._tuned(length, accepted.mean(), before, ends) if tuning else length
+        state = TwoStageState(phi, log_density, log_surrogate)
+        return _block(state, accepted, failed_runs, true_runs, surrogate_runs, length, following)
+
+    def _sub_chain(
+        self,
+        proposing: Target,
+        phi: np.ndarray,
+        log_surrogate: np.ndarray,
+        resting: np.ndarray,
+        length: int,
+        rng: np.random.Generator,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """L moves of one half under the surrogate's posterior, the other half frozen; where they end, and log π_s there."""
+        phi, log_surrogate = phi.copy(), log_surrogate.copy()
+        for _ in range(length):
+            proposal, log_factor = proposed(rng, phi, resting, self.stretch, self.differential_evolution)
+            value = proposing.evaluate(proposal.reshape(-1, phi.shape[2]))[0].reshape(log_factor.shape)
+            better = np.log(rng.random(log_factor.shape)) < log_factor + value - log_surrogate
+            phi[better], log_surrogate[better] = proposal[better], value[better]
+        return phi, log_surrogate
+
+    def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:
+        """L of the next step: longer while most proposals are accepted and still resemble where they began."""
+        if acceptance < POOR_ACCEPTANCE:
+            return max(1, length // 2)
+        if acceptance > GOOD_ACCEPTANCE and correlation(before, ends) > DECORRELATED:
+            return min(2 * length, self.most_sub_steps)
+        return length
+
+
+class TwoStageState(NamedTuple):
+    """Where every walker is, and both log densities there.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, walker, parameter)
+        Unconstrained coordinates.
+    log_density, log_surrogate : ndarray, shape (ensemble, walker)
+        Log densities under the model itself and under the surrogate, with respect to φ.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+    log_surrogate: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block) -> TwoStageState:
+        """State at the end of a block.
+
+        Parameters
+        ----------
+        block : dict
+            A step.
+
+        Returns
+        -------
+        TwoStageState
+            Where to go on.
+        """
+        return cls(block["phi"][-1], block["log_density"][-1], block["log_surrogate"][-1])
+
+
+def _block(
+    state: TwoStageState,
+    accepted: np.ndarray,
+    failed: int,
+    true_runs: int,
+    surrogate_runs: int,
+    sub_steps: int,
+    next_sub_steps: int | None = None,
+) -> Block:
+    return {
+        "phi": state.phi[None],
+        "log_density": state.log_density[None],
+        "log_surrogate": state.log_surrogate[None],
+        "accepted": accepted[None],
+        "failed": np.array([failed]),
+        "true_runs": np.array([true_runs]),
+        "surrogate_runs": np.array([surrogate_runs]),
+        "sub_steps": np.array([sub_steps]),
+        "next_sub_steps": np.array([sub_steps if next_sub_steps is None else next_sub_steps]),
+    }
+
+
+def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
+    density = np.full(moved.shape, -np.inf)
+    # An external solver is spared the runs of sub-chains that went nowhere; batches of a built-in one stay of one size, since
+    # each size is compiled.
+    external = isinstance(target, Posterior) and not isinstance(target.model, JaxModel)
+    rows = moved if external else np.ones_like(moved)
+    if not rows.any():
+        return density, 0, 0
+    density[rows], failed = target.evaluate(proposal[rows])
+    return density, int(rows.sum()), int(failed.sum())
+
+
+def _stream_of(seed: int, number: int) -> np.random.Generator:
+    return stream(seed, _PURPOSE["steps"], number)

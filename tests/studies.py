@@ -1,0 +1,26 @@
+"""The packaged study as other studies are made of it: without a surrogate, on five or six seconds of its record."""
+
+from structid import cli
+
+PACKAGED = cli.template("bouc_wen")
+
+
+def _without(text: str, table: str) -> str:
+    begin = text.index(f"[{table}]")
+    return text[:begin] + text[text.index("\n[", begin) + 1 :]
+
+
+PLAIN = (
+    _without(PACKAGED, "calibration")
+    .replace('kind = "pod_kriging"', 'kind = "none"')
+    .replace(
+        'kind = "smc"',
+        'kind = "aies"\nwalkers = 32\nensembles = 4\nsteps = 3000\ndiscard = 0.3\ndifferential_evolution = 0.8\n#',
+    )
+)
+"""The model itself is sampled, by AIES."""
+
+
+def shortened(text: str, end: str = "8 s") -> str:
+    """The same on a part of the record."""
+    return text.replace('lowpass = "20 Hz"', f'lowpass = "20 Hz"\ntrim = ["3 s", "{end}"]', 1)

@@ -1,0 +1,135 @@
+"""Delayed acceptance: the model's own posterior whatever the surrogate, few true runs, the same after a kill."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import InputError, StoreMismatchError
+from structid.inference.sampler import stream
+
+PRECISION = np.linalg.inv([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
+SPACE = si.ParameterSpace(a=si.Normal(0.0, 5.0), b=si.Normal(0.0, 5.0), c=si.Normal(0.0, 5.0))
+SETTINGS = si.DelayedAcceptance(steps=60, discard=0.2, tuning=10, most_sub_steps=64)
+
+
+def gaussian(shift=0.0, scale=1.0):
+    def density(theta):
+        gap = (theta - shift) / scale
+        return -0.5 * np.einsum("ni,ij,nj->n", gap, PRECISION, gap)
+
+    return si.LogDensity(density, SPACE.names, SPACE)
+
+
+class Counted(si.LogDensity):
+    """Counts what it is asked, and can be made to stop."""
+
+    def __init__(self, limit=np.inf):
+        plain = gaussian()
+        super().__init__(plain._function, SPACE.names, SPACE)
+        self.asked, self.limit = 0, limit
+
+    def evaluate(self, phi):
+        if self.asked + len(phi) > self.limit:
+            raise KeyboardInterrupt
+        self.asked += len(phi)
+        return super().evaluate(phi)
+
+
+@pytest.mark.parametrize(("shift", "scale"), [(0.0, 1.0), (0.6, 1.0), (0.0, 1.4), (0.0, 0.8)])
+def test_the_draws_are_the_model_s_whatever_the_surrogate(shift, scale):
+    settings = SETTINGS if (shift, scale) == (0.0, 1.0) else replace(SETTINGS, steps=300)
+    result = si.sample(gaussian(), replace(settings, approximation=gaussian(shift, scale)), seed=1)
+    error = 1.0 / np.sqrt(result.summary().columns["ess_bulk"])
+    assert (np.abs(result.mean) < 4.0 * error).all(), (result.mean, error)
+    assert (np.abs(result.sd - 1.0) < 4.0 * error).all(), (result.sd, error)
+    # What a chain under the surrogate alone would have found fails the same test, so the test can fail.
+    if shift:
+        assert (np.abs(shift) > 4.0 * error).all()
+    elif scale != 1.0:
+        assert (np.abs(scale - 1.0) > 4.0 * error).all()
+
+
+def test_a_perfect_surrogate_makes_every_true_run_a_draw():
+    target = Counted()
+    result = si.sample(target, replace(SETTINGS, approximation=gaussian(), sub_steps=1), seed=2)
+    assert result.cost.true_runs == target.asked
+    assert result.cost.acceptance == 1.0 and result.cost.sub_steps >= 8
+    assert result.cost.speed_up > 5.0
+    assert result.summary().columns["ess_bulk"].min() > 0.5 * len(result.flat)
+    assert "moves for each true run" in str(result.cost)
+
+
+def test_sub_chains_are_shortened_where_proposals_are_refused():
+    bad = si.sample(gaussian(), replace(SETTINGS, approximation=gaussian(2.5, 0.5), sub_steps=64), seed=3)
+    assert bad.cost.sub_steps <= 16
+
+
+def test_a_frozen_half_leaves_the_posterior_as_it_is():
+    """One step from exact draws gives exact draws: second moments of many independent ensembles, within 4 sd."""
+    settings = si.DelayedAcceptance(gaussian(0.5, 0.8), walkers=6, ensembles=2000, sub_steps=4, tuning=0, steps=2)
+    target, rng = gaussian(), stream(1, 99, 0)
+    root = np.linalg.cholesky(np.linalg.inv(PRECISION))
+    exact = rng.normal(size=(12_000, 3)) @ root.T
+    result = si.sample(target, settings, seed=5, start=exact)
+    last = result.history[-1].reshape(-1, 3)
+    assert result.accepted[-1].mean() > 0.1
+    # Walkers of an ensemble share its resting half, so the error is that of the ensembles' means.
+    squares = ((last @ np.linalg.inv(root).T) ** 2).reshape(2000, -1).mean(axis=1)
+    assert abs(squares.mean() - 1.0) < 4.0 * squares.std() / np.sqrt(2000)
+
+
+def test_a_killed_chain_goes_on_to_the_same_bits(tmp_path):
+    settings = replace(SETTINGS, approximation=gaussian(0.3), steps=20, discard=0.5)
+    whole = si.sample(Counted(), settings, seed=4)
+    with pytest.raises(KeyboardInterrupt):
+        si.sample(Counted(limit=1000), settings, seed=4, store=tmp_path / "chains.h5")
+    target = Counted()
+    resumed = si.sample(target, settings, seed=4, store=tmp_path / "chains.h5")
+    np.testing.assert_array_equal(resumed.history, whole.history)
+    assert resumed.cost == whole.cost and target.asked < whole.cost.true_runs
+    longer = si.sample(Counted(), replace(settings, steps=30), seed=4, store=tmp_path / "chains.h5")
+    np.testing.assert_array_equal(longer.history[:20], whole.history)
+    with pytest.raises(StoreMismatchError):
+        other = replace(settings, approximation=Counted(), sub_steps=8)
+        si.sample(Counted(), other, seed=4, store=tmp_path / "chains.h5")
+
+
+def test_a_posterior_and_its_surrogate(short_posterior):
+    """A surrogate past its limit for standing in a posterior: the draws are the model's all the same."""
+    model, record = short_posterior.model, short_posterior.observations[0].record
+    runs = si.Campaign(model, record, short_posterior.model_space.sample(150, seed=1, widen=2.0)).run()
+    surrogate = replace(si.PODKriging(), limit=1e-12).fit(runs)
+    with pytest.raises(InputError, match="in a posterior"):
+        short_posterior.on(surrogate)
+    settings = si.DelayedAcceptance(surrogate, steps=45, tuning=15)
+    result = si.sample(short_posterior, settings, seed=1)
+    reference = si.sample(short_posterior, si.SMC(particles=400, steps=40), seed=2)
+    size = np.minimum(result.summary().columns["ess_bulk"], reference.summary().columns["ess_bulk"])
+    assert (np.abs(result.mean - reference.mean) < 5.0 * reference.sd / np.sqrt(size)).all(), str(result.summary())
+    assert result.cost.true_runs < 8000
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (dict(walkers=7), "walkers.*even"),
+        (dict(tuning=50), "tuning.*at most the 12 steps"),
+        (dict(discard=1.0), "discard.*fraction"),
+        (dict(stretch=0.5), "stretch.*above 1"),
+        (dict(sub_steps=0), "sub_steps.*1 or more"),
+    ],
+)
+def test_settings_that_make_no_sense(change, words):
+    with pytest.raises(InputError, match=words):
+        replace(SETTINGS, **change)
+
+
+@pytest.mark.parametrize(
+    ("approximation", "words"),
+    [(None, "nothing"), (si.LogDensity(lambda t: -(t[:, 0] ** 2), ("x",), np.zeros((9, 1))), "LogDensity")],
+)
+def test_an_approximation_of_something_else_is_refused(approximation, words):
+    with pytest.raises(InputError, match=words):
+        si.sample(gaussian(), replace(SETTINGS, approximation=approximation), seed=1)
