@@ -6,7 +6,7 @@ PACKAGED = cli.template("bouc_wen")
 
 
 def _without(text: str, table: str) -> str:
-    begin = text.index(f"[{table}]")
+    begin = text.index(f"\n[{table}]") + 1
     return text[:begin] + text[text.index("\n[", begin) + 1 :]
 
 
