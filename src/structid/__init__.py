@@ -63,6 +63,7 @@ _PUBLIC = {
     "open_runs": "campaign.store",
     "calibrate": "calibration.sequential",
     "sample": "inference.sampling",
+    "sbc": "inference.replicas",
 }
 
 

@@ -1,4 +1,4 @@
-"""The command line: demo, run, check, report, runs, serve, new. It owns the screen; nothing below it prints."""
+"""The command line: demo, run, check, report, compare, sbc, runs, serve, new. It owns the screen; nothing below it prints."""
 
 from __future__ import annotations
 
@@ -120,6 +120,46 @@ def report(folder: Annotated[Path, typer.Argument(help="A folder that structid r
     from structid.study.run import report_again
 
     _finish(report_again(folder, stage))
+
+
+@app.command()
+def compare(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of finished studies of one measurement.")],
+    out: Annotated[Path | None, typer.Option(help="Folder for a page with their predictions side by side.")] = None,
+) -> None:
+    """Say which model class the data favour: evidence, Bayes factors, what is predicted of stretches left out."""
+    from structid.study.compare import compare_studies
+
+    comparison, page = compare_studies(folders, out, stage)
+    trusted = all(c.trusted for c in comparison.classes)
+    screen.print()
+    screen.print(comparison.verdict, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
+    heads, rows = comparison.rows()
+    _print_table(heads, rows)
+    if page is not None:
+        screen.print(f"\nPage: {page.resolve()}", markup=False, soft_wrap=True)
+    if not trusted:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+@app.command()
+def sbc(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    replicas: Annotated[int, typer.Option(help="Measurements to simulate and calibrate to.")] = 200,
+    out: Annotated[Path | None, typer.Option(help="Folder for the figure, and for the runs of a surrogate.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed; the study's when left out.")] = None,
+    executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
+) -> None:
+    """Check a study by simulation: whether its intervals hold the truth as often as they say."""
+    from structid.study.replicas import check_by_simulation
+
+    ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)
+    screen.print()
+    screen.print(str(ranks), style="green" if ranks.uniform else "bold red", markup=False, soft_wrap=True)
+    if figure is not None:
+        screen.print(f"\nFigure: {figure.resolve()}", markup=False, soft_wrap=True)
+    if not ranks.uniform:
+        raise typer.Exit(NOT_CONVERGED)
 
 
 @app.command()
@@ -251,6 +291,20 @@ def _run(
         errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
         raise typer.Exit(FAILED) from None
     _finish(outcome)
+
+
+def _print_table(heads: list[str], rows: list[list[str]]) -> None:
+    """A row a thing where the screen is wide enough, else a block a thing."""
+    widths = [max(len(r[i]) for r in [heads, *rows]) for i in range(len(heads))]
+    if sum(widths) + 2 * len(widths) <= screen.width:
+        for row in [heads, *rows]:
+            line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
+            screen.print(line.rstrip(), markup=False, soft_wrap=True)
+        return
+    for row in rows:
+        screen.print(f"\n{row[0]}", style="bold", markup=False)
+        for head, cell in zip(heads[1:], row[1:], strict=True):
+            screen.print(f"  {head.ljust(max(map(len, heads)))}  {cell}", markup=False, soft_wrap=True)
 
 
 def _describe(built: BuiltStudy) -> None:

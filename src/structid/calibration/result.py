@@ -9,6 +9,7 @@ import numpy as np
 from structid.inference.certificate import Certificate, Limits
 from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult, Summary
+from structid.inference.sampler import Evidence
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate
 
@@ -162,6 +163,32 @@ class CalibrationResult:
             c = self.certificate
             return np.quantile(c.draws, p, axis=0, weights=c.weights, method="inverted_cdf")
         return self.sampling.quantile(p)
+
+    def corrected(self, evidence: Evidence) -> Evidence:
+        """Evidence of the true model from that of its surrogate, Z_true = Z_surrogate E[π_true/π_surrogate].
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Under the surrogate.
+
+        Returns
+        -------
+        Evidence
+            With the mean weight of the certificate's draws, and its error.
+        """
+        ratios = self.rounds[-1].log_weights
+        largest = ratios.max()
+        weights = np.exp(ratios - largest)
+        shift = float(largest + np.log(weights.mean()))
+        error = float(weights.std() / weights.mean() / np.sqrt(len(weights)))
+        return Evidence(evidence.value + shift, float(np.hypot(evidence.error, error)), evidence.each + shift)
+
+    @property
+    def log_evidence(self) -> Evidence | None:
+        """Log Z of the true model, where the sampler knows that of the surrogate."""
+        found = self.sampling.log_evidence
+        return None if found is None else self.corrected(found)
 
     def summary(self) -> Summary:
         """Give moments, quantiles and diagnostics as a table, re-weighted where the certificate asks for it.

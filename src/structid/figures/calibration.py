@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.figures.style import ACCENT, MODEL, MUTED, WIDTH, finish, styled
+from structid.figures.style import ACCENT, MODEL, MUTED, WIDTH, canvas, finish, pretty, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,4 +62,57 @@ def rounds(
     axis.set_yscale("symlog", linthresh=1.0)
     axis.set_xticks(range(len(training)), [f"round {i + 1}\n{n} runs" for i, n in enumerate(training)])
     axis.set_ylabel(r"log $\pi_\mathrm{true}/\pi_\mathrm{surrogate}$ [nat]")
+    return finish(figure, save=save)
+
+
+@styled
+def ranks(
+    names: Sequence[str],
+    counts: np.ndarray,
+    replicas: int,
+    half: np.ndarray,
+    most: np.ndarray,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw histograms of the rank of the truth among posterior draws.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Parameters.
+    counts : ndarray, shape (parameter, bin)
+        Replicas in each bin.
+    replicas : int
+        How many there are.
+    half, most : ndarray, shape (parameter,)
+        Shares of the replicas whose 50 and 90 % intervals hold the truth.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        A panel a parameter; the band holds 99 % of the bins of uniform ranks.
+    """
+    from scipy.stats import binom
+
+    bins = counts.shape[1]
+    low, high = binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
+    columns = min(len(names), 3)
+    rows = -(-len(names) // columns)
+    figure, axes = canvas(rows, columns, height=2.1, sharey=True)
+    for axis in axes.ravel()[len(names) :]:
+        axis.set_visible(False)
+    edges = np.linspace(0.0, 1.0, bins + 1)
+    for axis, name, count, a, b in zip(axes.ravel(), names, counts, half, most, strict=False):
+        axis.axhspan(low, high, color=MUTED, alpha=0.3, lw=0)
+        axis.axhline(replicas / bins, color=MUTED, lw=0.8)
+        outside = (count < low) | (count > high)
+        colours = np.where(outside, MODEL, ACCENT)
+        axis.bar(edges[:-1], count, width=0.94 / bins, align="edge", color=list(colours))
+        axis.set_title(pretty(name))
+        axis.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
+        axis.set_xlim(0.0, 1.0)
+    for axis in axes[:, 0]:
+        axis.set_ylabel("replicas")
     return finish(figure, save=save)

@@ -261,9 +261,8 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
     axis = axes[0, 0]
     walkers = rates.shape[1]
     for e, row in enumerate(rates):
-        axis.bar(
-            np.arange(walkers) + e * walkers, row, width=1.0, color=CYCLE[e % len(CYCLE)], label=f"ensemble {e + 1}"
-        )
+        edges = np.arange(walkers + 1) + e * walkers - 0.5
+        axis.stairs(row, edges, fill=True, color=CYCLE[e % len(CYCLE)], label=f"ensemble {e + 1}")
     axis.axhline(np.median(rates), color="k", lw=0.8, ls=":")
     axis.set_ylim(0.0, max(1.15 * rates.max(), 0.05))
     axis.set_xlim(-0.5, rates.size - 0.5)

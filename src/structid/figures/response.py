@@ -374,3 +374,104 @@ def two_lines(
     axis.set_ylim(force.min() - margin, force.max() + margin)
     name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
     return finish(figure, title, save)
+
+
+@styled
+def side_by_side(
+    time: np.ndarray,
+    measured: np.ndarray,
+    inner: Sequence[tuple[np.ndarray, np.ndarray]],
+    outer: Sequence[tuple[np.ndarray, np.ndarray]],
+    classes: Sequence[str],
+    name: str,
+    unit: str,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what several model classes predict of one measured history, around its peak.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    measured : ndarray, shape (time,)
+        The measurement.
+    inner, outer : sequence of pair of ndarray, shape (time,)
+        90 % bands of each class, of the model's response and with discrepancy.
+    classes : sequence of str
+        What the classes are called.
+    name, unit : str
+        Of the channel.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        A panel a class.
+    """
+    figure, axes = canvas(len(classes), 1, height=1.9, sharex=True, sharey=True)
+    peak = time[int(np.argmax(np.abs(measured)))]
+    half = min(0.1 * time[-1], 4.0)
+    for axis, one, response, shown in zip(axes[:, 0], classes, inner, outer, strict=True):
+        axis.fill_between(time, *shown, color=MODEL, alpha=0.2, lw=0, label="90 % with discrepancy")
+        axis.fill_between(time, *response, color=MODEL, alpha=0.6, lw=0, label="90 % of the model's response")
+        axis.plot(time, measured, color=MEASURED, lw=0.9, label="measured")
+        axis.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))
+        axis.set_title(one, loc="left")
+        name_axes(axis, ("time", "s") if axis is axes[-1, 0] else ("", ""), (pretty(name), pretty_unit(unit)))
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=3)
+    return finish(figure, save=save)
+
+
+@styled
+def residuals(
+    lags: np.ndarray,
+    autocorrelation: np.ndarray,
+    bound: float,
+    frequency: np.ndarray,
+    spectrum: np.ndarray,
+    values: np.ndarray,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what tells whether whitened residuals are white: autocorrelation, spectrum, quantiles.
+
+    Parameters
+    ----------
+    lags, autocorrelation : ndarray, shape (lag,)
+        Lags [s], and ρ.
+    bound : float
+        ρ within ± this is taken for white.
+    frequency, spectrum : ndarray, shape (frequency,)
+        Frequencies [Hz], and power relative to that of white noise.
+    values : ndarray, shape (time,)
+        The residuals.
+    save : path-like, optional
+        File name without ending.
+
+    Returns
+    -------
+    Figure
+        Three panels.
+    """
+    from scipy.stats import norm
+
+    figure, axes = canvas(1, 3, height=2.4)
+    left, middle, right = axes[0]
+    left.axhspan(-bound, bound, color=MUTED, alpha=0.3, lw=0)
+    left.plot(lags, autocorrelation, color=ACCENT, lw=0.9)
+    left.set_ylim(-1.05, 1.05)
+    left.set_title("autocorrelation", loc="left")
+    name_axes(left, ("lag", "s"), ("", ""))
+    middle.axhline(1.0, color=MUTED, lw=1.2)
+    middle.loglog(frequency, spectrum, color=ACCENT, lw=0.9)
+    middle.set_title("power over that of white noise", loc="left")
+    name_axes(middle, ("frequency", "Hz"), ("", ""))
+    ordered = np.sort(values)
+    quantiles = norm.ppf((np.arange(len(ordered)) + 0.5) / len(ordered))
+    ends = np.array([quantiles[0], quantiles[-1]])
+    right.plot(ends, ends, color=MUTED, lw=1.2)
+    right.plot(quantiles, ordered, ".", ms=2.5, color=ACCENT, rasterized=True)
+    right.set_title("quantiles", loc="left")
+    name_axes(right, ("unit normal", ""), ("residual", ""))
+    return finish(figure, save=save)

@@ -14,6 +14,8 @@ EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
+FEWEST_MOVES = 50
+"""Accepted moves of the median walker from which a walker's acceptance says something of it."""
 BOUND_WIDTH = 0.02
 """The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
 BOUND_MASS = 0.2
@@ -131,11 +133,13 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray of bool, shape (ensemble, walker)
-        True where the acceptance is below a fifth of the median, or the best log density of the last fifth of the steps is
-        below anything the upper three quarters of all walkers visit.
+        True where the acceptance is below a fifth of the median, if the chains are long enough to tell, or the best log density
+        of the last fifth of the steps is below anything the upper three quarters of all walkers visit.
     """
     rate = accepted.mean(axis=0)
-    slow = rate < STUCK_ACCEPTANCE * np.median(rate)
+    # So few moves may be chance where few are expected.
+    telling = np.median(rate) * len(accepted) >= FEWEST_MOVES
+    slow = telling & (rate < STUCK_ACCEPTANCE * np.median(rate))
     last = log_density[-max(len(log_density) // 5, 1) :]
     best = last.max(axis=0)
     healthy = last[:, best >= np.quantile(best, 0.25)]

@@ -23,8 +23,10 @@ from structid.inference.diagnostics import (
     stuck_walkers,
 )
 from structid.inference.posterior import Posterior
+from structid.inference.residuals import MUCH_WIDER, WhitenedResidual, robust_covariance, whitened_residuals
 from structid.inference.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
+from structid.models.base import JaxModel
 from structid.optimize import pattern_search
 from structid.probability.marginals import Uniform
 from structid.probability.space import ParameterSpace
@@ -52,7 +54,8 @@ class Summary:
     names, units : tuple of str
         Parameters and their display units.
     columns : dict of str to ndarray, shape (parameter,)
-        ``mean``, ``sd``, ``q05``, ``median``, ``q95``, ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
+        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
+        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
     """
 
     names: tuple[str, ...]
@@ -240,6 +243,7 @@ class SamplingResult:
         columns = {
             "mean": self.mean / factors,
             "sd": self.sd / factors,
+            **({} if self.robust_sd is None else {"robust_sd": self.robust_sd / factors}),
             "q05": q05 / factors,
             "median": median / factors,
             "q95": q95 / factors,
@@ -250,6 +254,22 @@ class SamplingResult:
             "tau": np.array([x.autocorrelation_time for x in d]),
         }
         return Summary(self.names, tuple(self.target.units.values()), columns)
+
+    @cached_property
+    def robust_sd(self) -> np.ndarray | None:
+        """Sandwich standard deviations of the means in SI, shape (parameter,): how they would scatter over measurements.
+
+        They hold where the model or the law of the discrepancy is wrong, too, but are themselves known to a fifth only. None for
+        an external solver, which would be run a thousand times for them (`robust_covariance` does that), and without measurement.
+        """
+        if not isinstance(self.target, Posterior) or not isinstance(self.target.model, JaxModel):
+            return None
+        return np.sqrt(np.diag(robust_covariance(self.target, self.thinned())))
+
+    @cached_property
+    def residuals(self) -> tuple[WhitenedResidual, ...]:
+        """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
+        return whitened_residuals(self.target, self.map_estimate) if isinstance(self.target, Posterior) else ()
 
     @cached_property
     def _verdict(self) -> Verdict:
@@ -294,6 +314,7 @@ class SamplingResult:
                 f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
                 "for these data"
             )
+        warnings += self._residual_warnings()
         if self._surrogate_matters(unexplained):
             error = self.target.model.relative_error  # type: ignore[attr-defined]
             warnings.append(
@@ -314,6 +335,28 @@ class SamplingResult:
             )
         if self.failed_simulations:
             warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
+        return warnings
+
+    def _residual_warnings(self) -> list[str]:
+        """Residuals that the law of the discrepancy does not describe."""
+        warnings = []
+        for residual in self.residuals:
+            if not residual.correlated:
+                continue
+            value, lag = residual.largest
+            law = self.target.discrepancy.describe()["kind"]  # type: ignore[attr-defined]
+            independent = law == "iid"
+            assumed = "independent errors" if independent else f"the discrepancy {law}"
+            told = (
+                f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
+                f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
+            )
+            if self.robust_sd is not None:
+                ratio = np.where(np.isin(self.names, self.target.model_space.names), self.robust_sd / self.sd, 0.0)  # type: ignore[attr-defined]
+                worst = int(np.argmax(ratio))
+                if ratio[worst] > MUCH_WIDER:
+                    told += f", and the sd of {self.names[worst]} is about {ratio[worst]:.1f} times too small (see the robust sd)"
+            warnings.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
         return warnings
 
     def _surrogate_matters(self, unexplained: float) -> bool:

@@ -231,6 +231,7 @@ class ReportContent:
             self._draw_calibration,
             self._draw_data,
             self._draw_responses,
+            self._draw_residuals,
             self._draw_parameters,
             self._draw_convergence,
             self._draw_searches,
@@ -314,6 +315,30 @@ class ReportContent:
                     save=folder / name,
                 )
             self._draw_loops(folder, index)
+
+    def _draw_residuals(self, folder: Path) -> None:
+        for index, residual in enumerate(self.result.residuals):
+            name = f"residuals_{residual.channel}" + ("" if len(self.posterior.observations) == 1 else f"_{index + 1}")
+            verdict = (
+                "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
+                if residual.correlated
+                else "Nothing speaks against the law of the discrepancy"
+            )
+            response_figures.residuals(
+                np.arange(len(residual.autocorrelation)) * residual.dt,
+                residual.autocorrelation,
+                residual.bound,
+                *residual.spectrum,
+                residual.values,
+                save=folder
+                / self._add(
+                    "residuals",
+                    name,
+                    f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and law are "
+                    "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
+                    f"{verdict}.",
+                ),
+            )
 
     def _draw_loops(self, folder: Path, index: int) -> None:
         loops = self.loops[index]

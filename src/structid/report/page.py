@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import base64
+from collections.abc import Sequence
 from pathlib import Path
 
 import jinja2
+import numpy as np
 
+from structid.figures import response as response_figures
+from structid.histories import display_unit
+from structid.inference.comparison import Comparison
 from structid.inference.discrepancy import IID
+from structid.inference.posterior import Observation
+from structid.inference.predictive import Prediction
 from structid.journal import write_then_rename
 from structid.report import tables
 from structid.report.content import RUNS_CAPTION, ReportContent, draw_surrogate
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate
+from structid.units import factor
+
+PAGE = "report.html"
+"""File of a report."""
 
 _SECTIONS = {
     "calibration": "Certificate",
     "response": "Response",
+    "residuals": "Residuals",
     "posterior": "Posterior",
     "deterministic": "Deterministic calibration beside it",
     "other records": "Other records",
@@ -57,6 +69,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         title=content.title,
         verdict=verdict,
         cost=content.result.cost,
+        too_sure=isinstance(content.posterior.discrepancy, IID) and any(r.correlated for r in content.result.residuals),
         certificate=None if content.calibration is None else content.calibration.certificate,
         sections=_SECTIONS,
         figures=figures,
@@ -69,6 +82,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         tables={
             "calibration": tables.calibration_tables(content.calibration),
             "response": [],
+            "residuals": [],
             "posterior": [
                 ("Identifiability at the MAP estimate", tables.identifiability_table(content)),
                 ("Priors", tables.prior_table(content)),
@@ -83,8 +97,8 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         main=tables.posterior_table(content),
         run=tables.run_table(content, timings),
     )
-    write_then_rename(folder / "report.html", page.encode())
-    return folder / "report.html"
+    write_then_rename(folder / PAGE, page.encode())
+    return folder / PAGE
 
 
 def surrogate_tables(surrogate: Surrogate | None) -> list[tuple[str, tables.Table]]:
@@ -142,8 +156,60 @@ def write_campaign_report(
         settings=settings,
         run=tables.versions_table(timings),
     )
-    write_then_rename(folder / "report.html", page.encode())
-    return folder / "report.html"
+    write_then_rename(folder / PAGE, page.encode())
+    return folder / PAGE
+
+
+def write_comparison(
+    comparison: Comparison, predictions: Sequence[Prediction], observation: Observation, folder: Path
+) -> Path:
+    """Write ``comparison.html``: model classes side by side.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        Their figures.
+    predictions : sequence of Prediction
+        Of the first measurement, in the order of the classes.
+    observation : Observation
+        The first measurement.
+    folder : Path
+        Where the page goes; made if it is not there.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    classes, figures = [c.name for c in comparison.classes], []
+    for c, channel in enumerate(observation.channels):
+        unit, name = display_unit(channel), f"predictions_{channel}"
+        by = factor(unit)
+
+        def edges(prediction: Prediction, discrepancy: bool) -> tuple[np.ndarray, np.ndarray]:
+            low, high = prediction.band(discrepancy=discrepancy)
+            return low[:, c] / by, high[:, c] / by  # noqa: B023
+
+        inner, outer = [edges(p, False) for p in predictions], [edges(p, True) for p in predictions]
+        response_figures.side_by_side(
+            observation.record.time, observation.values[:, c] / by, inner, outer, classes, channel, unit,
+            save=folder / "figures" / name,
+        )  # fmt: skip
+        caption = (
+            f"Measured {channel} on {observation.record.name} around its peak, and what each class predicts of it."
+        )
+        figures.append((name, caption, _embedded(folder / "figures" / f"{name}.png")))
+    page = _template("comparison.html").render(
+        title=" or ".join(classes),
+        sentence=f"{len(classes)} model classes of one measurement.",
+        comparison=comparison,
+        content=comparison.side_by_side(),
+        figures=figures,
+        run=tables.versions_table({}),
+    )
+    write_then_rename(folder / "comparison.html", page.encode())
+    return folder / "comparison.html"
 
 
 def _surrogate_figures(surrogate: Surrogate | None, folder: Path) -> list[tuple[str, str, str]]:

@@ -64,14 +64,21 @@ def posterior_table(content: ReportContent) -> Table:
     """
     summary = content.summary
     factors = content.posterior.factors
-    heads = ["parameter", "mean", "sd", "5 %", "95 %", "MAP"]
+    robust = "robust_sd" in summary.columns
+    heads = ["parameter", "mean", "sd", *(["robust sd"] if robust else []), "5 %", "95 %", "MAP"]
     if content.true_values:
         heads.append("truth")
     rows = []
     for i, (name, unit) in enumerate(zip(summary.names, summary.units, strict=True)):
         c = {k: float(v[i]) for k, v in summary.columns.items()}
         shown = [number(c[k], c["sd"]) for k in ("mean", "q05", "q95", "map")]
-        row = [label(pretty(name), pretty_unit(unit)), shown[0], f"{c['sd']:.2g}", *shown[1:]]
+        row = [
+            label(pretty(name), pretty_unit(unit)),
+            shown[0],
+            f"{c['sd']:.2g}",
+            *([f"{c['robust_sd']:.2g}"] if robust else []),
+            *shown[1:],
+        ]
         if content.true_values:
             truth = content.true_values.get(name)
             row.append("–" if truth is None else number(truth / factors[i]))

@@ -30,7 +30,7 @@ from structid.models.base import JaxModel, Progress
 from structid.models.program import ProgramModel
 from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
 from structid.report.content import ReportContent
-from structid.report.page import write_campaign_report, write_report
+from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
@@ -45,7 +45,10 @@ _SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
     "pattern_search": pattern_search,
     "interior_point": interior_point,
 }
-_STUDY, _IDENTITY, _TIMINGS, _INPUTS = "study.toml", "identity.json", "timings.json", "inputs"
+IDENTITY = "identity.json"
+"""File of a study's folder that says what it depends on."""
+
+_STUDY, _TIMINGS, _INPUTS = "study.toml", "timings.json", "inputs"
 _CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
 _CALIBRATION = "calibration"
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
@@ -186,7 +189,39 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
         If the folder holds no finished study.
     """
     folder = Path(folder)
-    identity = folder / _IDENTITY
+    file, told = _stored_study(folder)
+    if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
+        return _runs_report(open_runs(folder / _RUNS), file, folder, _Timings(folder / _TIMINGS))
+    return _work(_rebuilt(folder, file, told), folder, stage)
+
+
+def stored_outcome(folder: str | Path, stage: Stage = silent) -> Outcome:
+    """Read back what a study has found, without writing anything.
+
+    Parameters
+    ----------
+    folder : path-like
+        A folder `run_study` has filled.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    Outcome
+        The same result.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no finished calibration.
+    """
+    folder = Path(folder)
+    return _work(_rebuilt(folder, *_stored_study(folder)), folder, stage, page=False)
+
+
+def _stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
+    """The study in a folder, its file names turned to the copies, and what identifies it."""
+    identity = folder / IDENTITY
     if not identity.is_file() or not (_sampled(folder) or (folder / _RUNS).is_file()):
         raise InputError(
             f"{folder}",
@@ -195,9 +230,11 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
     told = json.loads(identity.read_text())
-    file = _with_kept_inputs(folder, told["inputs"])
-    if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
-        return _runs_report(open_runs(folder / _RUNS), file, folder, _Timings(folder / _TIMINGS))
+    return _with_kept_inputs(folder, told["inputs"]), told
+
+
+def _rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
+    """The study that has been sampled in a folder."""
     if not _sampled(folder):
         raise InputError(
             f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
@@ -205,12 +242,12 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
         )  # fmt: skip
     study = build(file, folder / _INPUTS, Path(told["folder"]))
     compare_identity(folder, told["study"], study.identity)
-    return _work(study, folder, stage)
+    return study
 
 
 def _claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
     """Take a folder for this study, or refuse it; nothing in it is touched when it is refused."""
-    told = folder / _IDENTITY
+    told = folder / IDENTITY
     if told.is_file():
         found = json.loads(told.read_text())["study"]
         if not (adopt and differences(found, study.identity) == ["model"]):
@@ -273,13 +310,19 @@ def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
 
 
 def _work(
-    study: BuiltStudy, folder: Path, stage: Stage, executor: Any = None, retry: bool = False, adopt: bool = False
+    study: BuiltStudy,
+    folder: Path,
+    stage: Stage,
+    executor: Any = None,
+    retry: bool = False,
+    adopt: bool = False,
+    page: bool = True,
 ) -> Outcome:
     timings = _Timings(folder / _TIMINGS)
     if isinstance(study.model, ProgramModel):
         study.model.scratch = folder.resolve() / _SCRATCH
     if study.plan is not None:
-        return _certified(study, study.plan, folder, stage, timings, executor)
+        return _certified(study, study.plan, folder, stage, timings, executor, page)
     runs = _campaign(study, folder, stage, timings, executor, retry, adopt)
     surrogate = _surrogate(study, runs, folder, stage, timings, executor)
     if study.posterior is None:
@@ -290,7 +333,7 @@ def _work(
         study = replace(study, posterior=study.posterior.spread(spread))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
-            return _calibration(study, folder, stage, timings, runs, surrogate)
+            return _calibration(study, folder, stage, timings, runs, surrogate, page)
 
 
 def _runs_report(
@@ -339,7 +382,13 @@ def _campaign(
 
 
 def _calibration(
-    study: BuiltStudy, folder: Path, stage: Stage, timings: _Timings, runs: Runs | None, surrogate: Surrogate | None
+    study: BuiltStudy,
+    folder: Path,
+    stage: Stage,
+    timings: _Timings,
+    runs: Runs | None,
+    surrogate: Surrogate | None,
+    page: bool,
 ) -> Outcome:
     true_posterior = study.sampled
     if surrogate is not None and isinstance(study.sampler, DelayedAcceptance):
@@ -355,11 +404,14 @@ def _calibration(
     with stage("sampling") as progress, timings.measured("sampling"):
         result = sample(study.sampled, study.sampler, study.file.seed, folder / _CHAINS, progress=progress)
     timings.put("sampling", result.seconds)
-    report = _report(study, result, searches, folder, stage, timings, runs, true_posterior)
-    return Outcome(result, searches, report, runs, surrogate)
+    if page:
+        _report(study, result, searches, folder, stage, timings, runs, true_posterior)
+    return Outcome(result, searches, folder / PAGE, runs, surrogate)
 
 
-def _certified(study: BuiltStudy, plan: Plan, folder: Path, stage: Stage, timings: _Timings, executor: Any) -> Outcome:
+def _certified(
+    study: BuiltStudy, plan: Plan, folder: Path, stage: Stage, timings: _Timings, executor: Any, page: bool
+) -> Outcome:
     """Calibrate by a surrogate that true runs certify, and report it."""
     posterior = study.sampled
     with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
@@ -382,8 +434,9 @@ def _certified(study: BuiltStudy, plan: Plan, folder: Path, stage: Stage, timing
                 )
             under = study if found.exact else replace(study, posterior=study.sampled.on(found.surrogate))
             searches = _deterministic(under, folder, stage, timings)
-            report = _report(under, found.sampling, searches, folder, stage, timings, found.runs, study.sampled, found)
-    return Outcome(found.sampling, searches, report, found.runs, found.surrogate, found)
+            if page:
+                _report(under, found.sampling, searches, folder, stage, timings, found.runs, study.sampled, found)
+    return Outcome(found.sampling, searches, folder / PAGE, found.runs, found.surrogate, found)
 
 
 class _Told:
@@ -427,7 +480,7 @@ def _report(
     runs: Runs | None,
     true_posterior: Posterior,
     calibration: CalibrationResult | None = None,
-) -> Path:
+) -> None:
     """Predict, draw and write the page and the netCDF file."""
     with stage("predicting and drawing") as progress, timings.measured("predicting and drawing"):
         content = ReportContent.gather(
@@ -450,7 +503,7 @@ def _report(
             step()
             if progress is not None:
                 progress(done, len(steps))
-    return write_report(content, folder, timings.seconds)
+    write_report(content, folder, timings.seconds)
 
 
 class _Timings:

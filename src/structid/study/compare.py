@@ -1,0 +1,130 @@
+"""Compare studies of the same measurement: which model class do the data favour."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError, StructidWarning
+from structid.inference.comparison import Comparison, ModelClass, leave_out
+from structid.inference.posterior import Posterior
+from structid.inference.predictive import Prediction, predict
+from structid.inference.sampler import Evidence
+from structid.inference.sampling import sample
+from structid.inference.tempered import SMC
+from structid.models.base import JaxModel
+from structid.report.page import write_comparison
+from structid.study.run import IDENTITY, Outcome, Stage, silent, stored_outcome
+
+DRAWS = 1000
+"""Posterior draws that predict what is left out."""
+PREDICTED = 200
+"""Posterior draws behind the bands."""
+_EVIDENCE = "evidence.h5"
+
+
+def compare_studies(
+    folders: Sequence[str | Path], out: str | Path | None = None, stage: Stage = silent
+) -> tuple[Comparison, Path | None]:
+    """Compare finished studies of the same measurement.
+
+    Parameters
+    ----------
+    folders : sequence of path-like
+        Folders that `run_study` has filled, two or more.
+    out : path-like, optional
+        A folder for a page with their predictions side by side.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    tuple of Comparison and Path or None
+        The figures, and the page.
+
+    Raises
+    ------
+    InputError
+        If there are too few, one is not finished, or they are of different measurements.
+    """
+    paths = [Path(f) for f in folders]
+    if len(paths) < 2:
+        raise InputError("compare", f"{len(paths)} folder", "two or more that structid run has filled")
+    _check_same_measurement(paths)
+    outcomes = [stored_outcome(path, stage) for path in paths]
+    names = _names(paths)
+    classes, predictions = [], []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in its own study
+        for path, name, outcome in zip(paths, names, outcomes, strict=True):
+            with stage(f"comparing {name}"):
+                one, prediction = _model_class(path, name, outcome)
+            classes.append(one)
+            predictions.append(prediction)
+    comparison = Comparison(tuple(classes))
+    if out is None:
+        return comparison, None
+    first = outcomes[0].result
+    assert first is not None and isinstance(first.target, Posterior)
+    return comparison, write_comparison(comparison, predictions, first.target.observations[0], Path(out))
+
+
+def _check_same_measurement(paths: Sequence[Path]) -> None:
+    seen = {}
+    for path in paths:
+        told = path / IDENTITY
+        if not told.is_file():
+            raise InputError(f"{path}", "it holds no study", "a folder that structid run has filled")
+        study = json.loads(told.read_text())["study"]
+        if "observation" not in study:
+            raise InputError(f"{path}", "a study without an observation", "studies that calibrate to a measurement")
+        seen[path] = study["observation"]
+    others = [p for p in paths if seen[p] != seen[paths[0]]]
+    if others:
+        raise InputError(
+            "compare",
+            f"{paths[0]} and {others[0]}, which are of different measurements",
+            "studies of one and the same measurement",
+            "Evidence says nothing across measurements: give both studies the same record, channels, values and instruments.",
+        )
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Names of the studies; of their folders where those are the same."""
+    names = [str(json.loads((p / IDENTITY).read_text())["name"]) for p in paths]
+    return names if len(set(names)) == len(names) else [p.name for p in paths]
+
+
+def _model_class(path: Path, name: str, outcome: Outcome) -> tuple[ModelClass, Prediction]:
+    result = outcome.result
+    assert result is not None and isinstance(result.target, Posterior)
+    posterior = result.target
+    prediction = predict(posterior, result.thinned(PREDICTED), seed=result.seed)
+    low, high = prediction.band(0.9, discrepancy=True)
+    values = posterior.observations[0].values
+    return ModelClass(
+        name,
+        _evidence(path, outcome),
+        leave_out(posterior, result.thinned(DRAWS if isinstance(posterior.model, JaxModel) else PREDICTED)),
+        posterior.dimension,
+        result.verdict().unexplained,
+        float(np.mean((values >= low) & (values <= high))),
+        outcome.trusted,
+    ), prediction
+
+
+def _evidence(path: Path, outcome: Outcome) -> Evidence | None:
+    """That of the sampler; where it knows none, of tempered SMC on the same posterior, if that is fast."""
+    result, calibration = outcome.result, outcome.calibration
+    assert result is not None and isinstance(result.target, Posterior)
+    found = result.log_evidence
+    if found is None:
+        target = result.target if calibration is None else calibration.posterior.on(calibration.surrogate)
+        if not isinstance(target.model, JaxModel):
+            return None
+        found = sample(target, SMC(), result.seed, path / _EVIDENCE).log_evidence
+    return found if calibration is None or found is None else calibration.corrected(found)

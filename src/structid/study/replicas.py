@@ -1,0 +1,93 @@
+"""Check a study by simulation: replicas of its measurement with known parameters, each calibrated."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+from structid.campaign.executors import mapping
+from structid.campaign.runner import Campaign
+from structid.errors import InputError
+from structid.inference.replicas import Ranks, sbc
+from structid.models.base import JaxModel
+from structid.study.run import Stage, load, silent
+from structid.study.surrogate import surrogate_settings
+
+_FIGURE, _RUNS = "sbc", "sbc_runs.h5"
+
+
+def check_by_simulation(
+    path: str | Path,
+    replicas: int = 200,
+    out: str | Path | None = None,
+    seed: int | None = None,
+    stage: Stage = silent,
+    executor: Any = None,
+) -> tuple[Ranks, Path | None]:
+    """Simulate measurements with a study's model and law, and calibrate to each.
+
+    A study with a [surrogate] and no [calibration] is put to the test with its surrogate, fitted to its campaign, and with
+    measurements of the model itself. A certified calibration makes its surrogate where one posterior is, which is of no use for
+    others: there a built-in model is sampled itself.
+
+    Parameters
+    ----------
+    path : path-like
+        The study file.
+    replicas : int
+        How many measurements.
+    out : path-like, optional
+        A folder for the figure, and for the runs of a surrogate.
+    seed : int, optional
+        Seed; the study's when left out.
+    stage : callable
+        Opens a progress bar for a named stage.
+    executor : None, str or object
+        Where the runs of an external model are done; see `Campaign.run`.
+
+    Returns
+    -------
+    tuple of Ranks and Path or None
+        The outcome, and the figure.
+
+    Raises
+    ------
+    InputError
+        If the study has no observation, or its model is an external one without a surrogate over the whole prior.
+    """
+    study = load(path)
+    if study.posterior is None:
+        raise InputError(f"{path}", "a study without an observation", "one that says what is measured")
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    posterior, built_in = study.posterior, isinstance(study.model, JaxModel)
+    simulator = None
+    if study.campaign is not None and study.has_surrogate:
+        store = None if folder is None else folder / _RUNS
+        campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")
+        with stage("true runs") as progress:
+            runs = campaign.run(executor, progress=progress)
+        with stage("fitting the surrogate") as progress:
+            surrogate = surrogate_settings(study.file.surrogate).fit(runs, progress)
+        posterior, simulator = posterior.on(surrogate), study.model
+    elif not built_in:
+        raise InputError(
+            f"{path}",
+            "an external model that would be run a million times",
+            "a [surrogate] fitted to a [campaign] over the whole prior",
+            "Leave [calibration] out for this: its surrogate is good only near one posterior.",
+        )
+    with nullcontext() if built_in else mapping(executor) as spread, stage("calibrating replicas") as progress:
+        found = sbc(
+            posterior.spread(spread),
+            replicas,
+            seed=study.file.seed if seed is None else seed,
+            simulator=simulator,
+            progress=progress,
+        )
+    if folder is None:
+        return found, None
+    found.plot(folder / _FIGURE)
+    return found, folder / f"{_FIGURE}.png"
