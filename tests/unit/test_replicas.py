@@ -1,0 +1,104 @@
+"""Simulation-based calibration: right likelihoods pass, a wrong one fails, and so does a wrong surrogate."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import InputError
+from structid.inference.replicas import Ranks, ReplicatedPosterior
+
+EXPLORER = si.SMC(particles=60, ensembles=1, steps=30, effective_share=0.5, correlation=0.3)
+REPLICAS = 100
+
+
+@pytest.fixture(scope="module")
+def pieces():
+    space = si.ParameterSpace(
+        stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
+    )
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=space.names, substeps=1)
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 7.0).scale_to_pga(2.0)
+    clean = model.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
+    return space, model, si.Observation(record, clean), float((0.2 * clean.std()) ** 2)
+
+
+def posterior(pieces, law):
+    space, model, observation, _ = pieces
+    return si.Posterior(space, model, observation, law)
+
+
+def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
+    variance = pieces[-1]
+    law = si.IID(variance=si.LogNormal(mean=variance, sd=0.3 * variance))
+    found = si.sbc(posterior(pieces, law), REPLICAS, seed=1, explorer=EXPLORER)
+    assert found.uniform and found.names == ("stiffness", "gamma_ratio", "sigma2")
+    # Within 4 binomial standard deviations.
+    for probability in (0.5, 0.9):
+        sd = np.sqrt(probability * (1 - probability) / REPLICAS)
+        assert (np.abs(found.coverage(probability) - probability) < 4 * sd).all(), str(found)
+    assert "Calibrated" in str(found) and "90 % holds" in str(found)
+    again = si.sbc(posterior(pieces, law), REPLICAS, seed=1, explorer=EXPLORER)
+    np.testing.assert_array_equal(again.ranks, found.ranks)
+
+
+def test_correlated_noise_taken_for_independent_is_found_out(pieces):
+    variance = pieces[-1]
+    noise = si.AR1(variance=variance, white=0.0, correlation_time=0.1)
+    found = si.sbc(posterior(pieces, si.IID(variance=variance)), REPLICAS, seed=2, explorer=EXPLORER, noise=noise)
+    assert not found.uniform and found.coverage(0.9).min() < 0.75
+    assert "NOT CALIBRATED" in str(found) and "too narrow" in found.verdict
+
+
+def test_a_surrogate_is_put_to_the_test_with_the_model_behind_it(pieces):
+    space, model, observation, variance = pieces
+    law = si.IID(variance=variance / 400.0)
+    true = posterior(pieces, law)
+    few = si.PODKriging(limit=1.0, outside="allow").fit(
+        si.Campaign(model, observation.record, space.sample(12, seed=1)).run()
+    )
+    blind = si.sbc(true.on(few), 60, seed=3, explorer=EXPLORER)
+    seeing = si.sbc(true.on(few), 60, seed=3, explorer=EXPLORER, simulator=model)
+    assert blind.uniform and not seeing.uniform, f"{blind}\n{seeing}"
+
+
+def test_the_posteriors_side_by_side_are_those_of_each_replica(pieces):
+    space, model, observation, variance = pieces
+    law = si.IID(variance=variance)
+    values = observation.values[None] + np.random.default_rng(1).normal(size=(3, *observation.values.shape)) * 0.01
+    target = ReplicatedPosterior(posterior(pieces, law), [values])
+    phi = target.initial(12, np.random.default_rng(2))
+    density = target.evaluate(phi)[0].reshape(3, 4)
+    for replica in range(3):
+        alone = si.Posterior(space, model, si.Observation(observation.record, values[replica]), law)
+        np.testing.assert_allclose(density[replica], alone.evaluate(phi.reshape(3, 4, -1)[replica])[0], rtol=1e-10)
+    theta = target.bijection(phi)[0]
+    np.testing.assert_allclose(target.log_density(theta) + target.bijection(phi)[1], density.ravel())
+
+
+def test_verdicts_of_made_up_ranks():
+    rng = np.random.default_rng(4)
+    truth, draws = np.zeros((200, 1)), rng.normal(size=(200, 50, 1))
+
+    def ranks(shift, scale):
+        centre = rng.normal(size=(200, 1))
+        places = draws * scale + centre[:, None] + shift
+        return Ranks(("a",), ("",), truth, places, (places < 0).sum(axis=1), 50)
+
+    assert ranks(0.0, 1.0).uniform
+    assert "too narrow" in ranks(0.0, 0.3).verdict
+    assert "too wide" in ranks(0.0, 4.0).verdict
+    assert not ranks(1.0, 1.0).uniform
+    np.testing.assert_array_equal(ranks(0.0, 1.0).histogram(10).sum(axis=1), [200])
+
+
+def test_what_cannot_be_checked_is_refused(pieces):
+    space, _, observation, variance = pieces
+    with pytest.raises(InputError, match="20 or more"):
+        si.sbc(posterior(pieces, si.IID(variance=variance)), 5)
+
+    def respond(parameters, record):
+        return record.values
+
+    external = si.CallableModel(respond, space.names, ("velocity",))
+    with pytest.raises(InputError, match="built-in model or a surrogate"):
+        si.sbc(si.Posterior(space, external, observation, si.IID(variance=variance)), 20)
