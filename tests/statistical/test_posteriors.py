@@ -1,100 +1,37 @@
-"""The sampler against other people's answers: reference draws of posteriordb, emcee, and the study's reference on El Centro."""
+"""The samplers against other people's answers: reference draws of posteriordb, emcee, and the study's reference on El Centro."""
 
-import json
-
-import jax
-import jax.numpy as jnp
 import numpy as np
+import posteriordb
 import pytest
 
 import structid as si
 from conftest import DEGRADING
 from structid.inference import diagnostics
-from structid.inference.target import LogDensity
-from structid.models.integrate import runge_kutta_4
 
 pytestmark = pytest.mark.slow
+
+SAMPLERS = {
+    "aies": si.AIES(
+        walkers=60, steps=12_000, differential_evolution=0.6, discard=0.25, start_candidates=10, settling_steps=500
+    ),
+    "smc": si.SMC(particles=500, steps=300),
+    "nuts": si.NUTS(steps=2000),
+}
 
 
 # --- posteriordb ------------------------------------------------------------------------------------------------------
 
 
-def load(folder):
-    data = json.loads((folder / "data.json").read_text())
-    with np.load(folder / "reference_draws.npz") as file:
-        draws, names = file["draws"], [str(n) for n in file["params"]]
-    return data, {name: draws[:, i] for i, name in enumerate(names)}
-
-
-def eight_schools(data):
-    """t_j ~ N(0, 1), μ ~ N(0, 5), τ ~ half-Cauchy(0, 5), y_j ~ N(μ + τ t_j, σ_j)."""
-    y, sigma = jnp.array(data["y"]), jnp.array(data["sigma"])
-
-    def density(x):
-        t, mu, tau = x[:8], x[8], x[9]
-        prior = -0.5 * (t**2).sum() - 0.5 * (mu / 5) ** 2 - jnp.log1p((tau / 5) ** 2)
-        return prior - 0.5 * (((y - mu - tau * t) / sigma) ** 2).sum()
-
-    names = [*(f"t{j}" for j in range(1, 9)), "mu", "tau"]
-    start = lambda n, rng: np.column_stack([rng.standard_normal((n, 9)), rng.exponential(3.0, n) + 0.01])  # noqa: E731
-    target = LogDensity(density, names, start, {"tau": (0.0, np.inf)}, backend="jax")
-
-    def quantities(draws):
-        found = {f"theta[{j}]": draws[..., 8] + draws[..., 9] * draws[..., j - 1] for j in range(1, 9)}
-        return found | {"mu": draws[..., 8], "tau": draws[..., 9]}
-
-    return target, quantities
-
-
-def lotka_volterra(data):
-    """u′ = (θ₁ − θ₂ v) u, v′ = (−θ₃ + θ₄ u) v, yearly, lognormal errors."""
-    years, first = jnp.array(data["y"]), jnp.array(data["y_init"])
-    steps = 40
-
-    def density(x):
-        theta, z, sigma = x[:4], x[4:6], x[6:8]
-
-        def rate(s, _):
-            return jnp.array([(theta[0] - theta[1] * s[1]) * s[0], (-theta[2] + theta[3] * s[0]) * s[1]])
-
-        def year(s, _):
-            s = jax.lax.fori_loop(0, steps, lambda _, y: runge_kutta_4(rate, y, (0.0, 0.0, 0.0), 1.0 / steps), s)
-            return s, s
-
-        _, path = jax.lax.scan(year, z, None, length=len(data["y"]))
-        prior = -0.5 * (((theta - jnp.array([1, 0.05, 1, 0.05])) / jnp.array([0.5, 0.05, 0.5, 0.05])) ** 2).sum()
-        prior = prior - (0.5 * (jnp.log(sigma) + 1.0) ** 2 + jnp.log(sigma)).sum()
-        prior = prior - (0.5 * (jnp.log(z) - jnp.log(10.0)) ** 2 + jnp.log(z)).sum()
-        errors = jnp.concatenate([jnp.log(first)[None] - jnp.log(z)[None], jnp.log(years) - jnp.log(path)])
-        return prior - (0.5 * (errors / sigma) ** 2 + jnp.log(sigma)).sum()
-
-    names = ["theta1", "theta2", "theta3", "theta4", "z1", "z2", "sigma1", "sigma2"]
-    centre = np.array([0.6, 0.03, 0.8, 0.025, 30.0, 5.0, 0.3, 0.3])
-    start = lambda n, rng: centre * np.exp(0.1 * rng.standard_normal((n, 8)))  # noqa: E731
-    target = LogDensity(density, names, start, {n: (0.0, np.inf) for n in names}, backend="jax")
-    reference = [*(f"theta[{i}]" for i in range(1, 5)), "z_init[1]", "z_init[2]", "sigma[1]", "sigma[2]"]
-    return target, lambda draws: {n: draws[..., i] for i, n in enumerate(reference)}
-
-
-@pytest.mark.parametrize(
-    ("folder", "make"),
-    [("eight_schools-eight_schools_noncentered", eight_schools), ("hudson_lynx_hare-lotka_volterra", lotka_volterra)],
-)
-def test_reference_draws_of_posteriordb(shared_data, folder, make, capsys):
+@pytest.mark.parametrize("kind", SAMPLERS)
+@pytest.mark.parametrize("folder", posteriordb.POSTERIORS)
+def test_reference_draws_of_posteriordb(shared_data, folder, kind, capsys):
     """Means and sds within four combined Monte-Carlo standard errors, theirs and ours."""
-    data, reference = load(shared_data / "posteriordb" / folder)
-    target, quantities = make(data)
-    settings = si.AIES(walkers=60, steps=12_000, ensembles=4, differential_evolution=0.6, discard=0.25)
-    found = quantities(si.sample(target, settings, seed=1).kept)
-    worst = {}
-    for name, theirs in reference.items():
-        ours = found[name]
-        centre = theirs.mean()
-        for moment, a, b in (("mean", ours, theirs), ("sd", (ours - centre) ** 2, (theirs - centre) ** 2)):
-            error = np.hypot(a.std() / np.sqrt(diagnostics.effective_sample_size(a)), b.std() / np.sqrt(b.size))
-            worst[name, moment] = (a.mean() - b.mean()) / error
+    data, reference = posteriordb.load(shared_data / "posteriordb" / folder)
+    target, quantities = posteriordb.POSTERIORS[folder](data)
+    result = si.sample(target, SAMPLERS[kind], seed=1)
+    worst = posteriordb.deviations(result.kept, reference, quantities)
     with capsys.disabled():
-        print(f"\n{folder}: largest deviation {max(map(abs, worst.values())):.2f} combined standard errors")
+        print(f"\n{folder}, {kind}: largest deviation {max(map(abs, worst.values())):.2f} combined standard errors")
     assert max(map(abs, worst.values())) < 4.0, worst
 
 

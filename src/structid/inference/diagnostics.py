@@ -14,6 +14,10 @@ EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
+LAST_STEPS = 20
+"""Steps at least that are looked at for walkers that end far below the others."""
+SHORT = 50
+"""Steps of a series whose own mean hides what it has of correlation."""
 FEWEST_MOVES = 50
 """Accepted moves of the median walker from which a walker's acceptance says something of it."""
 BOUND_WIDTH = 0.02
@@ -24,7 +28,7 @@ TAIL_PROBABILITY = 1e-3
 """A posterior median beyond this prior probability says that prior and data disagree."""
 
 
-def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
+def autocorrelation_time(series: np.ndarray, window: float = 5.0, centre: bool = True) -> float:
     """Integrated autocorrelation time, τ = 1 + 2 Σ ρ(t), with Sokal's window.
 
     The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). Several series are averaged in their autocorrelation
@@ -36,6 +40,8 @@ def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
         Independent, equally long series.
     window : float
         Length of the window in τ.
+    centre : bool
+        Take each series about its own mean.
 
     Returns
     -------
@@ -45,7 +51,7 @@ def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
     series = np.atleast_2d(series)
     steps = series.shape[1]
     # Each about its own mean: what ensembles disagree on is R-hat's matter.
-    centred = series - series.mean(axis=1, keepdims=True)
+    centred = series - series.mean(axis=1, keepdims=True) if centre else series
     transform = np.fft.rfft(centred, n=2 * steps, axis=1)
     covariance = np.fft.irfft(np.abs(transform) ** 2, axis=1)[:, :steps].mean(axis=0)
     if covariance[0] <= 0.0:
@@ -71,7 +77,28 @@ def effective_sample_size(draws: np.ndarray) -> float:
     float
         ESS; NaN for a constant quantity.
     """
-    return draws.size / autocorrelation_time(draws.mean(axis=2).T)
+    return draws.size / series_time(draws)
+
+
+def series_time(draws: np.ndarray) -> float:
+    """Integrated autocorrelation time of a quantity, from the mean over each ensemble.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        The quantity.
+
+    Returns
+    -------
+    float
+        τ in steps. Of series so short that their means hide it, the larger of that and the time of single walkers about the mean
+        of all.
+    """
+    time = autocorrelation_time(draws.mean(axis=2).T)
+    if len(draws) >= SHORT:
+        return time
+    walkers = autocorrelation_time((draws - draws.mean()).reshape(len(draws), -1).T, centre=False)
+    return float(np.fmax(time, walkers))
 
 
 def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
@@ -134,13 +161,13 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     -------
     ndarray of bool, shape (ensemble, walker)
         True where the acceptance is below a fifth of the median, if the chains are long enough to tell, or the best log density
-        of the last fifth of the steps is below anything the upper three quarters of all walkers visit.
+        of the last fifth of the steps, or the last twenty, is below anything the upper three quarters of all walkers visit.
     """
     rate = accepted.mean(axis=0)
     # So few moves may be chance where few are expected.
     telling = np.median(rate) * len(accepted) >= FEWEST_MOVES
     slow = telling & (rate < STUCK_ACCEPTANCE * np.median(rate))
-    last = log_density[-max(len(log_density) // 5, 1) :]
+    last = log_density[-max(len(log_density) // 5, LAST_STEPS) :]
     best = last.max(axis=0)
     healthy = last[:, best >= np.quantile(best, 0.25)]
     return slow | (best < healthy.min())
@@ -176,7 +203,7 @@ def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
         The figures.
     """
     bulk, tail = bulk_and_tail_size(draws)
-    return ParameterDiagnostics(r_hat(draws), autocorrelation_time(draws.mean(axis=2).T), bulk, tail)
+    return ParameterDiagnostics(r_hat(draws), series_time(draws), bulk, tail)
 
 
 @dataclass(frozen=True)

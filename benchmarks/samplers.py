@@ -1,0 +1,267 @@
+"""The question: do the samplers agree, how fast is each beside its peers, and what does a surrogate save the exact one.
+
+Run with ``python benchmarks/samplers.py [--quick]``. posteriordb comes from ``../shared/data``.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import calibration as study
+import common
+import emcee
+import jax
+import numpy as np
+import posteriordb
+from numpyro.infer import MCMC
+from numpyro.infer.ensemble import AIES as NumPyroAIES
+
+import structid as si
+from structid.inference import diagnostics
+from structid.inference.target import Target
+
+NAME = "samplers"
+POSTERIORDB = common.ROOT.parent / "shared" / "data" / "posteriordb"
+PGA = 1.8
+WALKERS = 128
+ENSEMBLE = si.AIES(
+    walkers=32, steps=3000, ensembles=4, differential_evolution=0.8, discard=0.3, start_candidates=10, settling_steps=500
+)  # fmt: skip
+"""As a study has it: 128 walkers in all."""
+SAMPLERS: dict[str, Any] = {
+    "structid AIES": ENSEMBLE,
+    "structid SMC": si.SMC(),
+    "structid NUTS": si.NUTS(),
+}
+
+
+def smallest_size(draws: np.ndarray) -> float:
+    """Smallest bulk effective size of the parameters of draws (step, ensemble, walker, parameter)."""
+    return min(diagnostics.bulk_and_tail_size(draws[..., i])[0] for i in range(draws.shape[-1]))
+
+
+# --- samplers beside their peers --------------------------------------------------------------------------------
+
+
+def by_emcee(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
+    """Emcee with the same mixture of moves, vectorised over the walkers."""
+    moves = [(emcee.moves.StretchMove(), 0.2), (emcee.moves.DEMove(), 0.72), (emcee.moves.DEMove(gamma0=1.0), 0.08)]
+    sampler = emcee.EnsembleSampler(
+        len(start), start.shape[1], lambda phi: target.evaluate(phi)[0], moves=moves, vectorize=True
+    )
+    sampler.random_state = np.random.RandomState(1).get_state()
+    sampler.run_mcmc(start, steps)
+    return sampler.get_chain()[int(0.3 * steps) :]
+
+
+def by_numpyro(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
+    """NumPyro's AIES with its differential-evolution and stretch moves."""
+    function, data = target.traceable()
+    kernel = NumPyroAIES(
+        potential_fn=lambda phi: -function(phi[None], data)[0],
+        moves={NumPyroAIES.DEMove(): 0.8, NumPyroAIES.StretchMove(): 0.2},
+    )
+    chains = MCMC(
+        kernel, num_warmup=int(0.3 * steps), num_samples=steps - int(0.3 * steps), num_chains=len(start),
+        chain_method="vectorized", progress_bar=False,
+    )  # fmt: skip
+    chains.run(jax.random.PRNGKey(1), init_params=jax.numpy.asarray(start))
+    return np.asarray(chains.get_samples(group_by_chain=True)).swapaxes(0, 1)
+
+
+def timed(draw: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
+    """Draws, and the seconds of the second of two calls: the first compiles."""
+    draw()
+    began = time.perf_counter()
+    draws = draw()
+    return draws, time.perf_counter() - began
+
+
+def sampler_rows(label: str, target: Target, quick: bool, deviation: Callable[[np.ndarray], float]) -> list[list[str]]:
+    """Every sampler on one target; `deviation` says how far its draws are from a reference, in standard errors."""
+    start = si.sample(target, si.SMC(particles=WALKERS, ensembles=1, steps=20), seed=5).history[-1, 0]
+    phi = target.bijection.inverse(start)
+    steps = 400 if quick else ENSEMBLE.steps
+
+    def ours(settings: Any) -> Callable[[], np.ndarray]:
+        return lambda: si.sample(target, settings, seed=1).kept
+
+    def theirs(draw: Callable[..., np.ndarray]) -> Callable[[], np.ndarray]:
+        def drawn() -> np.ndarray:
+            found = draw(target, phi, steps)
+            return target.bijection(found.reshape(-1, found.shape[-1]))[0].reshape(found.shape)[:, None]
+
+        return drawn
+
+    calls = {n: ours(s) for n, s in SAMPLERS.items()} | {"emcee": theirs(by_emcee), "NumPyro AIES": theirs(by_numpyro)}
+    rows = []
+    for name, call in calls.items():
+        draws, seconds = timed(call)
+        size = smallest_size(draws)
+        hats = [diagnostics.r_hat(draws[..., i]) for i in range(draws.shape[-1])]
+        hat = "–" if draws.shape[1] < 2 else f"{max(hats):.3f}"
+        rows.append(
+            [label, name, f"{seconds:.1f}", f"{size:.0f}", f"{size / seconds:.0f}", hat, f"{deviation(draws):.1f}"]
+        )
+        print(" | ".join(rows[-1]), flush=True)
+    return rows
+
+
+def from_reference(reference: Any) -> Callable[[np.ndarray], float]:
+    """Largest deviation of means and second moments from another sampler's draws, in combined standard errors."""
+    theirs = reference.kept
+    names = {str(i): theirs[..., i] for i in range(theirs.shape[-1])}
+
+    def deviation(draws: np.ndarray) -> float:
+        worst = 0.0
+        for key, b in names.items():
+            a, centre = draws[..., int(key)], b.mean()
+            for x, y in ((a, b), ((a - centre) ** 2, (b - centre) ** 2)):
+                error = np.hypot(*(s.std() / np.sqrt(diagnostics.effective_sample_size(s)) for s in (x, y)))
+                worst = max(worst, abs(x.mean() - y.mean()) / error)
+        return worst
+
+    return deviation
+
+
+def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list[str]]:
+    under = posterior.on(surrogate)
+    longer = si.SMC(particles=2000, steps=100)
+    rows = sampler_rows("study, surrogate", under, quick, from_reference(si.sample(under, longer, seed=77)))
+    if not quick:
+        rows += sampler_rows(
+            "study, the model itself", posterior, quick, from_reference(si.sample(posterior, longer, seed=78))
+        )
+    for folder, make in posteriordb.POSTERIORS.items():
+        if not (POSTERIORDB / folder).is_dir():
+            continue
+        data, reference = posteriordb.load(POSTERIORDB / folder)
+        target, quantities = make(data)
+
+        def deviation(draws: np.ndarray, reference: Any = reference, quantities: Any = quantities) -> float:
+            return max(map(abs, posteriordb.deviations(draws, reference, quantities).values()))
+
+        rows += sampler_rows(folder.partition("-")[0], target, quick, deviation)
+    return rows
+
+
+# --- delayed acceptance -----------------------------------------------------------------------------------------
+
+
+def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[list[str]]:
+    """True runs of an effective draw, by a plain ensemble and with surrogates good and bad."""
+    reference = si.sample(posterior, si.SMC(particles=1000, steps=30 if quick else 60), seed=99)
+    plain = si.sample(posterior, ENSEMBLE, seed=2)
+    runs = plain.history.shape[0] * WALKERS
+    plain_size = smallest_size(plain.kept)
+    rows = [
+        ["AIES on the model itself", f"{runs:,}", f"{plain_size:.0f}", f"{runs / plain_size:.1f}", "1", "–", "–",
+         f"{from_reference(reference)(plain.kept):.1f}"],
+    ]  # fmt: skip
+    design = posterior.model_space.sample(200, seed=3, method="sobol", widen=2.0)
+    record = posterior.observations[0].record
+    everywhere = si.Campaign(posterior.model, record, design).run()
+    surrogates = {
+        f"the calibrated surrogate ({calibrated.training_runs} runs)": (calibrated.surrogate, calibrated.training_runs),
+        "one of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200),
+        "a bad one, of 100": (si.PODKriging().fit(everywhere[:100]), 100),
+    }
+    for label, (surrogate, training) in surrogates.items():
+        result = si.sample(posterior, si.DelayedAcceptance(surrogate, steps=30 if "bad" not in label else 200), seed=3)
+        assert result.cost is not None
+        size, spent = smallest_size(result.kept), result.cost.true_runs + training
+        rows.append(
+            [
+                f"delayed acceptance, {label}", f"{spent:,}", f"{size:.0f}", f"{spent / size:.1f}",
+                f"{(runs / plain_size) / (spent / size):.0f}", f"{result.cost.acceptance:.0%}", f"{result.cost.sub_steps}",
+                f"{from_reference(reference)(result.kept):.1f}",
+            ]
+        )  # fmt: skip
+        print(" | ".join(rows[-1]), flush=True)
+    return rows
+
+
+# --- evidence ---------------------------------------------------------------------------------------------------
+
+
+def evidence_rows(quick: bool) -> list[list[str]]:
+    """Both classes on data of either: log evidence of the degrading class less that of the other."""
+    model, space = study.model_and_space()
+    wide = space.extended(delta_nu=si.Uniform(0.0, 10.0), delta_eta=si.Uniform(0.0, 20.0))
+    degrading = si.BoucWen(mass=common.MASS, damping_ratio=common.DAMPING_RATIO, free=wide.names)
+    record = study.stochastic(PGA)
+    truths = {
+        "degrades": common.degrading_oscillator(),
+        "does not": common.degrading_oscillator(delta_nu=0.0, delta_eta=0.0),
+    }
+    settings = si.SMC(particles=250 if quick else 500, steps=20)
+    rows = []
+    for label, truth in truths.items():
+        clean = truth.simulate(np.zeros((1, 0)), record).values[0, :, 0]
+        noise = 0.02 * np.sqrt(np.mean(clean**2)) * np.random.default_rng(1).normal(size=clean.shape)
+        observation = si.Observation(record, clean + noise)
+        found = [
+            si.sample(si.Posterior(s, m, observation), settings, seed=4).log_evidence
+            for m, s in ((degrading, wide), (model, space))
+        ]
+        gap, error = found[0].value - found[1].value, float(np.hypot(found[0].error, found[1].error))
+        limit = "above 100" if label == "degrades" else f"below its error, {error:.2f}"
+        rows.append([label, *(f"{e.value:.2f} ± {e.error:.2f}" for e in found), f"{gap:.2f} ± {error:.2f}", limit])
+        print(" | ".join(rows[-1]), flush=True)
+    return rows
+
+
+def main() -> None:
+    quick = common.is_quick(__doc__.splitlines()[0])
+    model, space = study.model_and_space()
+    posterior = si.Posterior(space, model, study.measured(study.stochastic(PGA)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what lies outside a surrogate's range
+        calibrated = si.calibrate(model, space, posterior.observations, seed=1)
+        evidence = evidence_rows(quick)
+        exact = exact_rows(quick, posterior, calibrated)
+        speed = agreement(quick, posterior, calibrated.surrogate)
+    speed_heads = [
+        "posterior",
+        "sampler",
+        "seconds",
+        "effective draws",
+        "effective draws/s",
+        "R-hat",
+        "from the reference",
+    ]
+    exact_heads = [
+        "how", "true runs", "effective draws", "true runs for one", "fewer by", "accepted", "sub-chain", "from the reference",
+    ]  # fmt: skip
+    evidence_heads = ["the truth", "log Z, degrading", "log Z, not degrading", "difference", "limit"]
+    text = f"""## Samplers, exact sampling, evidence
+
+`benchmarks/samplers.py`. {common.machine("emcee", "numpyro", "blackjax")}.
+
+**Samplers**: effective draws are the smallest bulk size of all parameters by one estimator for all; seconds are those of a second
+call, when everything is compiled, start and warm-up included. emcee and NumPyro start from draws of the posterior, ours from the
+prior. The last column is the largest deviation of a mean or a second moment from the reference draws (posteriordb's own; for the
+study tempered SMC of 8000 particles) in combined Monte-Carlo standard errors: about 3 is to be expected of the largest of ten.
+
+{common.markdown_table(speed_heads, speed)}
+
+**Delayed acceptance** on the study `bouc_wen`, stochastic record, against an ensemble on the model itself. True runs include those
+that the surrogate was fitted to. The limit is 20 times fewer.
+
+{common.markdown_table(exact_heads, exact)}
+
+**Evidence** by tempered SMC on the study: a class with degradation (priors U(0, 10) and U(0, 20) kg/J) against one without.
+
+{common.markdown_table(evidence_heads, evidence)}
+"""
+    values = {"speed": speed, "exact": exact, "evidence": evidence}
+    common.record_result(NAME, quick=quick, machine=common.machine(), **values)
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
