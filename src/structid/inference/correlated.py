@@ -143,7 +143,7 @@ class Correlated(Discrepancy):
     # --- the filter ---------------------------------------------------------------------------------------------
 
     def _innovations(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, more_white: Any = 0.0
     ) -> tuple[Any, Any]:
         """One-step prediction errors and their variances, each (time, channel, run)."""
         import jax
@@ -151,6 +151,7 @@ class Correlated(Discrepancy):
         from structid.device import jnp
 
         transition, noise, stationary, white = self._system(unknown, channels, residual.shape[2], dt, jnp)
+        white = white + more_white
         size = range(len(stationary))
         zero = jnp.zeros_like(stationary[0]) + residual[0] * 0.0
 
@@ -169,7 +170,9 @@ class Correlated(Discrepancy):
         start = ([zero for _ in size], [[stationary[i] + zero if i == j else zero for j in size] for i in size])
         return jax.lax.scan(step, start, residual)[1]
 
-    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def log_likelihood(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
+    ) -> Any:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`.
 
         Parameters
@@ -182,13 +185,15 @@ class Correlated(Discrepancy):
             Names of the channels.
         dt : float
             Time step [s].
+        white : jax.Array (channel, run) or float
+            Further variance of independent errors, such as a surrogate's.
 
         Returns
         -------
         jax.Array, shape (run,)
             Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
         """
-        return self.pointwise(residual, unknown, channels, dt).sum(axis=(0, 1))
+        return _log_densities(*self._innovations(residual, unknown, channels, dt, white)).sum(axis=(0, 1))
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every value given those before it; see `Discrepancy.pointwise`.
@@ -209,10 +214,7 @@ class Correlated(Discrepancy):
         jax.Array, shape (time, channel, run)
             −½ log(2πS) − v²/(2S).
         """
-        from structid.device import jnp
-
-        error, spread = self._innovations(residual, unknown, channels, dt)
-        return -0.5 * jnp.log(2.0 * jnp.pi * spread) - 0.5 * error**2 / spread
+        return _log_densities(*self._innovations(residual, unknown, channels, dt))
 
     def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Innovations over their standard deviation; see `Discrepancy.whiten`.
@@ -294,6 +296,13 @@ class Correlated(Discrepancy):
             value = getattr(self, name)
             said[name] = value.describe() if isinstance(value, Marginal) else value
         return said
+
+
+def _log_densities(error: Any, spread: Any) -> Any:
+    """−½ log(2πS) − v²/(2S) of every innovation."""
+    from structid.device import jnp
+
+    return -0.5 * jnp.log(2.0 * jnp.pi * spread) - 0.5 * error**2 / spread
 
 
 def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:

@@ -63,7 +63,9 @@ class Discrepancy(ABC):
         """
 
     @abstractmethod
-    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def log_likelihood(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
+    ) -> Any:
         """Log density of the whole residual, inside JAX.
 
         Parameters
@@ -76,6 +78,8 @@ class Discrepancy(ABC):
             Names of the channels.
         dt : float
             Time step [s].
+        white : jax.Array (channel, run) or float
+            Further variance of independent errors, such as a surrogate's.
 
         Returns
         -------
@@ -230,8 +234,25 @@ class IID(Discrepancy):
                 )
         return priors
 
-    def _variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
-        """Return σ² of every channel and run, shape (channel, run)."""
+    def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
+        """σ² of every channel and run.
+
+        Parameters
+        ----------
+        unknown : mapping of str to array (run,)
+            The unknown variances.
+        channels : tuple of str
+            Names of the channels.
+        runs : int
+            How many runs.
+        numpy : module
+            ``numpy``, or ``jax.numpy`` inside JAX.
+
+        Returns
+        -------
+        array, shape (channel, run)
+            In the square of each channel's SI unit.
+        """
         rows = []
         for channel in channels:
             given = self._given(channel)
@@ -239,7 +260,9 @@ class IID(Discrepancy):
             rows.append(numpy.broadcast_to(numpy.asarray(known, dtype=np.float64), (runs,)))
         return numpy.stack(rows)
 
-    def log_likelihood(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def log_likelihood(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
+    ) -> Any:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`.
 
         Parameters
@@ -252,13 +275,18 @@ class IID(Discrepancy):
             Names of the channels.
         dt : float
             Time step [s].
+        white : jax.Array (channel, run) or float
+            Further variance of independent errors, such as a surrogate's.
 
         Returns
         -------
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
-        return self.log_likelihood_of_squares((residual**2).sum(axis=0), residual.shape[0], unknown, channels)
+        from structid.device import jnp
+
+        variance = self.variances(unknown, channels, residual.shape[2], jnp) + white
+        return _normal_log_density((residual**2).sum(axis=0), residual.shape[0], variance)
 
     def log_likelihood_of_squares(
         self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
@@ -283,8 +311,7 @@ class IID(Discrepancy):
         """
         from structid.device import jnp
 
-        variance = self._variances(unknown, channels, squares.shape[1], jnp)
-        return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
+        return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], jnp))
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`.
@@ -307,7 +334,7 @@ class IID(Discrepancy):
         """
         from structid.device import jnp
 
-        variance = self._variances(unknown, channels, residual.shape[2], jnp)
+        variance = self.variances(unknown, channels, residual.shape[2], jnp)
         return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
 
     def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
@@ -331,7 +358,7 @@ class IID(Discrepancy):
         """
         from structid.device import jnp
 
-        return residual / jnp.sqrt(self._variances(unknown, channels, residual.shape[2], jnp))
+        return residual / jnp.sqrt(self.variances(unknown, channels, residual.shape[2], jnp))
 
     def draw(
         self,
@@ -361,7 +388,7 @@ class IID(Discrepancy):
         ndarray, shape (run, time, channel)
             ε in SI.
         """
-        return rng.standard_normal(shape) * np.sqrt(self._variances(unknown, channels, shape[0], np).T[:, None, :])
+        return rng.standard_normal(shape) * np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
 
     def describe(self) -> dict[str, Any]:
         """Return the kind and what was given for the variance.
@@ -381,3 +408,10 @@ class IID(Discrepancy):
             else said(self.variance)
         )
         return {"kind": "iid", "variance": variance, "per_channel": self.per_channel}
+
+
+def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
+    """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
+    from structid.device import jnp
+
+    return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)

@@ -236,6 +236,11 @@ class Posterior(Target):
         Spreads the runs of an external model, like ``Executor.map``.
     refuse_unfit : bool
         Refuse a surrogate with an error past its limit.
+    model_error : bool
+        Add a surrogate's own variance to that of the discrepancy: where it is unsure, it then says less. That of a `PODKriging` or
+        `PODPCE` of one channel is integrated out exactly where errors are independent; else its mean over time counts as white
+        noise. Not for a surrogate that is unsure of large parts of the prior: where its variance is as large as the response it
+        explains any measurement, and the posterior goes there.
 
     Attributes
     ----------
@@ -251,7 +256,9 @@ class Posterior(Target):
         discrepancy: Discrepancy | None = None,
         map: Map | None = None,
         refuse_unfit: bool = True,
+        model_error: bool = False,
     ) -> None:
+        self.model_error = model_error
         self.model_space, self.model, self.map = space, model, map
         self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
         self.discrepancy = IID() if discrepancy is None else discrepancy
@@ -303,7 +310,9 @@ class Posterior(Target):
         Posterior
             The same densities.
         """
-        return Posterior(self.model_space, self.model, self.observations, self.discrepancy, map)
+        return Posterior(
+            self.model_space, self.model, self.observations, self.discrepancy, map, False, self.model_error
+        )
 
     def on(self, model: Model, refuse_unfit: bool = True) -> Posterior:
         """Return the posterior of the same parameters and measurements on another model, such as a surrogate.
@@ -320,7 +329,9 @@ class Posterior(Target):
         Posterior
             With that model in the place of this one's.
         """
-        return Posterior(self.model_space, model, self.observations, self.discrepancy, self.map, refuse_unfit)
+        return Posterior(
+            self.model_space, model, self.observations, self.discrepancy, self.map, refuse_unfit, self.model_error
+        )
 
     def _label(self, name: str, index: int) -> str:
         return name if len(self.observations) == 1 else f"{name}_{index + 1}"
@@ -339,7 +350,8 @@ class Posterior(Target):
     def content_hash(self) -> str:
         """Hash of prior, model, measurements and discrepancy."""
         described = [o.describe() for o in self.observations]
-        return digest(self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe())
+        parts = [self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe()]
+        return digest(*parts, *(["model error"] if self.model_error else []))
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw starting points from the prior; see `Target.initial`.
@@ -449,6 +461,10 @@ class Posterior(Target):
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
         parameters = self.model_parameters(theta)
         for index, (stages, values) in enumerate(data):
+            if self.model_error:
+                more, good = self._with_model_error(theta, parameters, stages, values, index)
+                total, finite = total + more, finite & good
+                continue
             short = self._by_squares(theta, parameters, values, index)
             if short is not None:
                 total, finite = total + short[0], finite & short[1]
@@ -458,6 +474,24 @@ class Posterior(Target):
             finite = finite & good
         finite = finite & jnp.isfinite(total)
         return total, finite
+
+    def _with_model_error(self, theta: Any, parameters: Any, stages: Any, values: Any, index: int) -> tuple[Any, Any]:
+        """Log-likelihood with the model's own variance added to that of the discrepancy."""
+        from structid.device import jnp
+
+        assert isinstance(self.model, JaxModel)
+        observation, unknown, law = self.observations[index], self.unknowns(theta, index), self.discrepancy
+        record, channels = observation.record, observation.channels
+        if isinstance(law, IID) and not observation.nuisances():
+            variance = law.variances(unknown, channels, theta.shape[0], jnp)
+            exact = self.model.marginal_log_likelihood(parameters, record, values, channels, variance)
+            if exact is not None:
+                return exact
+        response, good = self.model.response(parameters, record, stages)
+        places = np.array([self.model.channels.index(c) for c in channels])
+        white = self.model.error_variance(parameters, record, response)[places]
+        residual = values[:, :, None] - self.instrument(response, theta, index)
+        return law.log_likelihood(residual, unknown, channels, record.dt, white), good
 
     def _by_squares(self, theta: Any, parameters: Any, values: Any, index: int) -> tuple[Any, Any] | None:
         """Log-likelihood by the sum of squares alone, where discrepancy and instrument ask for no more and the model can."""

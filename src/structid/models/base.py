@@ -257,6 +257,52 @@ class JaxModel(Model):
 
     substeps: int
 
+    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
+        """Variance of the model's own error beside what it stands for, averaged over time, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        values : jax.Array, shape (time, channel, run)
+            Its response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            In the square of each channel's SI unit; zero for a model that stands for itself.
+        """
+        from structid.device import jnp
+
+        return jnp.zeros(values.shape[1:])
+
+    def marginal_log_likelihood(
+        self, theta: Any, excitation: Excitation, values: Any, channels: tuple[str, ...], variance: Any
+    ) -> tuple[Any, Any] | None:
+        """Log density of a measurement with independent errors, the model's own error integrated out, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        values : jax.Array, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Its channels.
+        variance : jax.Array, shape (channel, run)
+            Of the independent errors.
+
+        Returns
+        -------
+        tuple of jax.Array, or None
+            Log density and whether it is finite (run,); None for a model that does not know the law of its error.
+        """
+        return None
+
     def squared_misfit(
         self, theta: Any, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]
     ) -> tuple[Any, Any] | None:

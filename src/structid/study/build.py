@@ -235,7 +235,8 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     posterior = None
     if observations:
         measured = tuple(dict.fromkeys(c for o in observations for c in o.channels))
-        posterior = Posterior(space, model, observations, _discrepancy(file, measured))
+        law = _discrepancy(file, measured)
+        posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
     design, campaign_records = _campaign(file, folder, space, tuple(driven_by.values()))
@@ -327,7 +328,7 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
 
 def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
     """What a certified calibration has no use for, or cannot do without."""
-    said = study.file.surrogate.model_fields_set & {"validation", "limit", "trust"}
+    said = study.file.surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
     own = "one of the two: a calibration does its own runs"
     judged = "no such key: the certificate judges the surrogate"
     refusals = (

@@ -306,6 +306,7 @@ class SurrogateSection(Section):
     limit: float | None = Field(default=None, gt=0)
     outside: Literal["warn", "refuse", "allow"] | None = None
     trust: bool = False
+    model_error: bool = False
     left_out_energy: float | None = None
     correlation: Literal["exponential", "matern32", "matern52", "gaussian"] | None = None
     separable: bool | None = None

@@ -41,7 +41,7 @@ _OWN = {
 _JOINT_ONLY = ("degree", "horizons", "steps", "refinements")
 _SPARSE_ONLY = ("degree", "hyperbolic_norm", "interaction")
 
-_COMMON = ("kind", "validation", "limit", "outside", "trust")
+_COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
 
 def surrogate_settings(section: SurrogateSection) -> Settings:

@@ -370,6 +370,25 @@ class ParametricNARX(Surrogate):
         """
         return local_size(values) * self.spread
 
+    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
+        """Variance of the surrogate's error, averaged over time; see `JaxModel.error_variance`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        values : jax.Array, shape (time, channel, run)
+            The response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            A share of the mean square of the response.
+        """
+        return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
+
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw the coefficients against those that runs would have by themselves, as far as they determine them.
 

@@ -287,6 +287,38 @@ def principal_components(
     return mean, right[:kept], left[:, :kept] * singular[:kept], np.sqrt(np.mean(rest**2, axis=0))
 
 
+@dataclass(frozen=True, eq=False)
+class _Reduction:
+    """One measured channel in the space of the scores: r = beyond − (c − nearest) Φ.
+
+    Parameters
+    ----------
+    inner : ndarray, shape (component, component)
+        ΦΦᵀ.
+    nearest : array, shape (component,)
+        Scores nearest to the measurement.
+    squares_beyond, levers_beyond : array
+        ‖beyond‖², and Φ beyond (component,), which is zero but for rounding.
+    left_out : float
+        Variance that the components leave out, averaged over time.
+    """
+
+    inner: np.ndarray
+    nearest: Any
+    squares_beyond: Any
+    levers_beyond: Any
+    left_out: float
+
+    def squares(self, scores: Any) -> Any:
+        """‖r‖², shape (run,)."""
+        gap = scores - self.nearest
+        return self.squares_beyond + (gap @ self.inner * gap).sum(axis=1) - 2.0 * gap @ self.levers_beyond
+
+    def projected(self, scores: Any) -> Any:
+        """Φ r, shape (run, component)."""
+        return self.levers_beyond - (scores - self.nearest) @ self.inner
+
+
 class ResponseSpaceSurrogate(Surrogate):
     """A fitted `PODKriging` or `PODPCE`: knows the response to the records it was fitted to, and to no other.
 
@@ -392,10 +424,93 @@ class ResponseSpaceSurrogate(Surrogate):
         from structid.device import jnp
 
         self.check_excitation(excitation)
+        scores = self.records[excitation.content_hash].scores.predict(self.held_inside(theta))
+        sums = [r.squares(scores) for r in self._reductions(excitation, values, channels)]
+        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1) & self.admitted(theta)
+
+    def marginal_log_likelihood(
+        self, theta: Any, excitation: Excitation, values: Any, channels: tuple[str, ...], variance: Any
+    ) -> tuple[Any, Any] | None:
+        """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
+
+        Its modes are orthogonal, ΦΦᵀ = a²I, so that the covariance is diagonal in the space of the scores: with the scores'
+        variances s² and p = Φr/a it is σ² + a²s² along each mode, and σ² beyond them,
+
+            −½ [(T − K) log 2πσ² + Σ log 2π(σ² + a²s²) + (‖r‖² − ‖p‖²)/σ² + Σ p²/(σ² + a²s²)].
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            One of the fitted records.
+        values : jax.Array, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Its channels.
+        variance : jax.Array, shape (channel, run)
+            Of the independent errors; the mean variance that the components leave out is added.
+
+        Returns
+        -------
+        tuple of jax.Array, or None
+            Log density and whether it is finite (run,); None for several channels, whose modes are orthogonal only together.
+        """
+        from structid.device import jnp
+
+        if len(self.channels) > 1:
+            return None
+        self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
-        scores = fit.scores.predict(self.held_inside(theta))
+        scores, deviation = self._scores_with_deviation(fit, theta)
+        (reduction,) = self._reductions(excitation, values, channels)
+        beyond = variance[0] + reduction.left_out
+        along = beyond[:, None] + (fit.scale[0] * deviation) ** 2
+        projected = (reduction.projected(scores) / fit.scale[0]) ** 2
+        samples, modes = values.shape[0], scores.shape[1]
+        determinant = (samples - modes) * jnp.log(2.0 * jnp.pi * beyond) + jnp.log(2.0 * jnp.pi * along).sum(axis=1)
+        squares = (reduction.squares(scores) - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
+        density = -0.5 * (determinant + squares)
+        return density, jnp.isfinite(density) & self.admitted(theta)
+
+    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
+        """Variance of the surrogate's error, averaged over time; see `JaxModel.error_variance`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            One of the fitted records.
+        values : jax.Array, shape (time, channel, run)
+            The response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            Of the scores, and of what the components leave out.
+        """
+        fit = self.records[excitation.content_hash]
         shape = (fit.samples, len(fit.scale))
-        sums = []
+        squares = (fit.modes.reshape(-1, *shape) ** 2).mean(axis=1) * fit.scale**2
+        rest = (fit.truncation.reshape(shape) ** 2).mean(axis=0) * fit.scale**2
+        return (self._scores_with_deviation(fit, theta)[1] ** 2 @ squares + rest).T
+
+    def _scores_with_deviation(self, fit: RecordFit, theta: Any) -> tuple[Any, Any]:
+        """Scores and their standard deviations, (run, component), inside JAX."""
+        from structid.device import jnp
+
+        inside = self.held_inside(theta)
+        if isinstance(fit.scores, KrigingPredictor):
+            scores, deviation = fit.scores.predict(inside, return_std=True)
+            return scores, deviation
+        scores = fit.scores.predict(inside)
+        return scores, jnp.broadcast_to(jnp.asarray(fit.score_deviation), scores.shape)
+
+    def _reductions(self, excitation: Excitation, values: Any, channels: tuple[str, ...]) -> list[_Reduction]:
+        """What a misfit needs of each measured channel, once the modes have been summed over."""
+        fit = self.records[excitation.content_hash]
+        shape, found = (fit.samples, len(fit.scale)), []
         for column, channel in enumerate(channels):
             place = self.channels.index(channel)
             modes = fit.modes.reshape(-1, *shape)[:, :, place] * fit.scale[place]
@@ -403,12 +518,10 @@ class ResponseSpaceSurrogate(Surrogate):
             # What no combination of modes reaches is left apart, so that a small misfit keeps its digits.
             inner = modes @ modes.T
             nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
-            left_over = residual - nearest @ modes
-            gap = scores - nearest
-            sums.append(
-                left_over @ left_over + jnp.einsum("ri,ij,rj->r", gap, inner, gap) - 2 * gap @ (modes @ left_over)
-            )
-        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1) & self.admitted(theta)
+            beyond = residual - nearest @ modes
+            left_out = float(np.mean(fit.truncation.reshape(shape)[:, place] ** 2)) * fit.scale[place] ** 2
+            found.append(_Reduction(inner, nearest, beyond @ beyond, modes @ beyond, left_out))
+        return found
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.
