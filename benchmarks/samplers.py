@@ -31,6 +31,14 @@ ENSEMBLE = si.AIES(
     walkers=32, steps=3000, ensembles=4, differential_evolution=0.8, discard=0.3, start_candidates=10, settling_steps=500
 )  # fmt: skip
 """As a study has it: 128 walkers in all."""
+QUICK_SMC = {"effective_share": 0.5, "correlation": 0.3}
+"""Stages of a tempering that is not to take long."""
+ON_THE_MODEL: dict[str, Any] = {
+    "structid AIES": ENSEMBLE,
+    "structid SMC": si.SMC(particles=500, steps=50, **QUICK_SMC),
+    "structid NUTS": si.NUTS(steps=300, warm_up=300),
+}
+"""Where every evaluation is 4001 steps of the oscillator."""
 SAMPLERS: dict[str, Any] = {
     "structid AIES": ENSEMBLE,
     "structid SMC": si.SMC(),
@@ -72,16 +80,24 @@ def by_numpyro(target: Target, start: np.ndarray, steps: int) -> np.ndarray:
     return np.asarray(chains.get_samples(group_by_chain=True)).swapaxes(0, 1)
 
 
-def timed(draw: Callable[[], np.ndarray]) -> tuple[np.ndarray, float]:
-    """Draws, and the seconds of the second of two calls: the first compiles."""
-    draw()
+def timed(draw: Callable[[], np.ndarray], twice: bool) -> tuple[np.ndarray, float]:
+    """Draws, and the seconds of the second of two calls, since the first compiles; or of the only one."""
+    if twice:
+        draw()
     began = time.perf_counter()
     draws = draw()
     return draws, time.perf_counter() - began
 
 
-def sampler_rows(label: str, target: Target, quick: bool, deviation: Callable[[np.ndarray], float]) -> list[list[str]]:
-    """Every sampler on one target; `deviation` says how far its draws are from a reference, in standard errors."""
+def sampler_rows(
+    label: str,
+    target: Target,
+    quick: bool,
+    deviation: Callable[[np.ndarray], float],
+    samplers: dict[str, Any] = SAMPLERS,
+    alone: bool = False,
+) -> list[list[str]]:
+    """Every sampler on one target, `alone` without peers; `deviation` says how far its draws are from a reference."""
     start = si.sample(target, si.SMC(particles=WALKERS, ensembles=1, steps=20), seed=5).history[-1, 0]
     phi = target.bijection.inverse(start)
     steps = 400 if quick else ENSEMBLE.steps
@@ -96,10 +112,12 @@ def sampler_rows(label: str, target: Target, quick: bool, deviation: Callable[[n
 
         return drawn
 
-    calls = {n: ours(s) for n, s in SAMPLERS.items()} | {"emcee": theirs(by_emcee), "NumPyro AIES": theirs(by_numpyro)}
+    calls = {n: ours(s) for n, s in samplers.items()}
+    if not alone:
+        calls |= {"emcee": theirs(by_emcee), "NumPyro AIES": theirs(by_numpyro)}
     rows = []
     for name, call in calls.items():
-        draws, seconds = timed(call)
+        draws, seconds = timed(call, twice=not alone)
         size = smallest_size(draws)
         hats = [diagnostics.r_hat(draws[..., i]) for i in range(draws.shape[-1])]
         hat = "–" if draws.shape[1] < 2 else f"{max(hats):.3f}"
@@ -129,11 +147,12 @@ def from_reference(reference: Any) -> Callable[[np.ndarray], float]:
 
 def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list[str]]:
     under = posterior.on(surrogate)
-    longer = si.SMC(particles=2000, steps=100)
+    longer = si.SMC(particles=2000, steps=100, **QUICK_SMC)
     rows = sampler_rows("study, surrogate", under, quick, from_reference(si.sample(under, longer, seed=77)))
     if not quick:
+        reference = si.sample(posterior, si.SMC(particles=1000, steps=50, **QUICK_SMC), seed=78)
         rows += sampler_rows(
-            "study, the model itself", posterior, quick, from_reference(si.sample(posterior, longer, seed=78))
+            "study, the model itself", posterior, quick, from_reference(reference), ON_THE_MODEL, alone=True
         )
     for folder, make in posteriordb.POSTERIORS.items():
         if not (POSTERIORDB / folder).is_dir():
@@ -153,7 +172,7 @@ def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list
 
 def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[list[str]]:
     """True runs of an effective draw, by a plain ensemble and with surrogates good and bad."""
-    reference = si.sample(posterior, si.SMC(particles=1000, steps=30 if quick else 60), seed=99)
+    reference = si.sample(posterior, si.SMC(particles=1000, steps=30 if quick else 60, **QUICK_SMC), seed=99)
     plain = si.sample(posterior, ENSEMBLE, seed=2)
     runs = plain.history.shape[0] * WALKERS
     plain_size = smallest_size(plain.kept)
@@ -197,7 +216,7 @@ def evidence_rows(quick: bool) -> list[list[str]]:
         "degrades": common.degrading_oscillator(),
         "does not": common.degrading_oscillator(delta_nu=0.0, delta_eta=0.0),
     }
-    settings = si.SMC(particles=250 if quick else 500, steps=20)
+    settings = si.SMC(particles=250 if quick else 500, steps=20, **QUICK_SMC)
     rows = []
     for label, truth in truths.items():
         clean = truth.simulate(np.zeros((1, 0)), record).values[0, :, 0]
@@ -242,7 +261,7 @@ def main() -> None:
 `benchmarks/samplers.py`. {common.machine("emcee", "numpyro", "blackjax")}.
 
 **Samplers**: effective draws are the smallest bulk size of all parameters by one estimator for all; seconds are those of a second
-call, when everything is compiled, start and warm-up included. emcee and NumPyro start from draws of the posterior, ours from the
+call, when everything is compiled, start and warm-up included; on the model itself, of the only one (fewer draws are asked for). emcee and NumPyro start from draws of the posterior, ours from the
 prior. The last column is the largest deviation of a mean or a second moment from the reference draws (posteriordb's own; for the
 study tempered SMC of 8000 particles) in combined Monte-Carlo standard errors: about 3 is to be expected of the largest of ten.
 
