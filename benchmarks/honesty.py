@@ -71,7 +71,9 @@ def sbc_rows(replicas: int) -> list[list[str]]:
                 f"{half.min():.0%} to {half.max():.0%}", f"{most.min():.0%} to {most.max():.0%}", f"{seconds:.0f}", limit,
             ]
         )  # fmt: skip
-        found.plot(common.documents(replicas < 200) / "figures" / f"sbc_{len(rows)}")
+        figure = common.documents(replicas < 200) / "figures" / f"sbc_{len(rows)}"
+        found.plot(figure)
+        figure.with_suffix(".pdf").unlink()
         print(" | ".join(rows[-1]), flush=True)
     return rows
 

@@ -46,6 +46,21 @@ def test_a_study_that_is_not_certified_says_so_and_exits_with_3(tmp_path, monkey
     assert "Not to be trusted: do not use these numbers" in page or "Usable with re-weighting" in page
 
 
+def test_exact_sampling_needs_no_certificate(tmp_path):
+    """A surrogate of a small budget proposes, the model decides: the draws are the model's, whatever the certificate says."""
+    budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
+    exact = '[sampler]\nkind = "delayed_acceptance"\nwalkers = 24\nsteps = 30\ntuning = 8\n\n'
+    outcome = run_study(written(tmp_path, budget, sampler=exact), tmp_path / "out")
+    calibration, result = outcome.calibration, outcome.result
+    assert calibration.exact and calibration.trusted and not calibration.reweighted
+    assert type(result.target.model).__name__ == "BoucWen" and result.cost.true_runs == 30 * 24 * 4
+    page = outcome.report.read_text()
+    assert page.index("Exact: these are draws of the model") < page.index("<h3>Posterior</h3>")
+    assert str(result.cost.true_runs) in page.replace(",", "")
+    again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
+    np.testing.assert_array_equal(again.result.history, result.history)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -56,6 +71,13 @@ def test_a_study_that_is_not_certified_says_so_and_exits_with_3(tmp_path, monkey
         (dict(sampler='[sampler]\nkind = "smc"\nwalkers = 40\n\n'), "sampler.walkers.*smc does not know"),
         (dict(sampler="[sampler]\nparticles = 40\n\n"), "sampler.particles.*aies does not know"),
         (dict(surrogate='kind = "pc_narx"\ndegree = 5'), "calibration.*40 runs|36 runs"),
+        (dict(surrogate='kind = "pod_kriging"\nmodel_error = true'), "surrogate.model_error.*the certificate judges"),
+        (dict(sampler='[sampler]\nkind = "delayed_acceptance"\ntuning = 90\n\n'), "sampler.tuning.*discarded"),
+        (dict(sampler='[sampler]\nkind = "nuts"\nwalkers = 40\n\n'), "sampler.walkers.*nuts does not know"),
+        (
+            dict(surrogate='kind = "none"', calibration="", sampler='[sampler]\nkind = "delayed_acceptance"\n\n'),
+            "delayed_acceptance' without a .surrogate.",
+        ),
     ],
 )
 def test_tables_that_do_not_fit_together(change, words, tmp_path):

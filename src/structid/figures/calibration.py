@@ -113,6 +113,7 @@ def ranks(
         axis.set_title(pretty(name))
         axis.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
         axis.set_xlim(0.0, 1.0)
+        axis.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
     for axis in axes[:, 0]:
         axis.set_ylabel("replicas")
     return finish(figure, save=save)

@@ -22,6 +22,7 @@ from structid.inference.posterior import Posterior
 from structid.inference.sampler import Block
 from structid.inference.target import Target
 from structid.inference.tempered import SMC
+from structid.journal import digest
 from structid.models.base import LARGEST_BATCH, JaxModel, Model, Progress
 from structid.units import label
 
@@ -214,7 +215,7 @@ def sbc(
     )
     theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)
     ranks = (theta[-1] < truth[:, None, :]).sum(axis=1)
-    # Every tenth step: particles of neighbouring ones say the same.
+    # Five of the steps: particles of neighbouring ones say the same.
     some = theta[:: max(1, explorer.steps // 5)].transpose(1, 0, 2, 3).reshape(replicas, -1, posterior.dimension)
     return Ranks(
         posterior.names, tuple(posterior.units.values()), truth, some, ranks, explorer.particles
@@ -379,6 +380,4 @@ class ReplicatedPosterior(Target):
     @property
     def content_hash(self) -> str:
         """Hash of the posterior and the measurements."""
-        from structid.journal import digest
-
         return digest(self._posterior.content_hash, *self._values)
