@@ -24,6 +24,9 @@ START_TRIES = 5
 """Rounds of looking for starting points at which the model itself has a density."""
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
 """Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
+PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
+"""Every so many steps is a plain ensemble move without the surrogate: walkers where it gives far too little density would never
+leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
 DECORRELATED = 0.3
 """Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
 
@@ -36,7 +39,8 @@ class DelayedAcceptance(Sampler):
 
     Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s, stretch and
     differential-evolution moves that look only at the resting half, which stays where it is. Where it ends, x′, is one proposal,
-    accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each.
+    accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a poor surrogate
+    every third, is a plain ensemble move, so that the chain is never worse by much than one without a surrogate.
 
     Parameters
     ----------
@@ -163,21 +167,27 @@ class DelayedAcceptance(Sampler):
             )
         if not blocks:
             state, runs, failed = self._start(target, proposing, seed, start)
-            blocks = [_block(state, np.zeros(state.log_density.shape, dtype=bool), failed, runs, 0, self.sub_steps)]
+            none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
+            blocks = [_block(state, none, failed, runs, 0, length, length, PLAIN_EVERY)]
             keep(0, blocks[0])
         for number in range(len(blocks), self.steps):
-            state, length = TwoStageState.of(blocks[-1]), int(blocks[-1]["next_sub_steps"][-1])
-            block = self._step(target, proposing, state, length, number < self.tuning, _stream_of(seed, number))
+            rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
+            state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
+            plain_every = int(last["plain_every"][-1])
+            if number >= self.tuning and number % plain_every == plain_every - 1:
+                block = self._plain_step(target, proposing, state, length, plain_every, rng)
+            else:
+                block = self._step(target, proposing, state, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
             if progress is not None:
                 progress(number + 1, self.steps)
         every = joined(blocks, self.steps)
-        kept = slice(int(self.discard * self.steps), None)
+        kept = (np.arange(self.steps) >= int(self.discard * self.steps)) & (every["surrogate_runs"] > 0)
         cost = Cost(
             true_runs=int(every["true_runs"].sum()),
             surrogate_runs=int(every["surrogate_runs"].sum()),
-            acceptance=float(every["accepted"][kept].mean()),
+            acceptance=float(every["accepted"][kept].mean()) if kept.any() else float("nan"),
             sub_steps=int(every["sub_steps"][-1]),
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
@@ -232,6 +242,7 @@ class DelayedAcceptance(Sampler):
         proposing: Target,
         state: TwoStageState,
         length: int,
+        plain_every: int,
         tuning: bool,
         rng: np.random.Generator,
     ) -> Block:
@@ -256,9 +267,36 @@ class DelayedAcceptance(Sampler):
             phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
             log_surrogate[:, moving][better] = value[better]
             accepted[:, moving] = better
-        following = self._tuned(length, accepted.mean(), before, ends) if tuning else length
+        state, following = TwoStageState(phi, log_density, log_surrogate), length
+        if tuning:
+            following = self._tuned(length, accepted.mean(), before, ends)
+            plain_every = PLAIN_EVERY if accepted.mean() > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
+        return _block(state, accepted, failed_runs, true_runs, surrogate_runs, length, following, plain_every)
+
+    def _plain_step(
+        self,
+        target: Target,
+        proposing: Target,
+        state: TwoStageState,
+        length: int,
+        plain_every: int,
+        rng: np.random.Generator,
+    ) -> Block:
+        """The same by a single ensemble move, without the surrogate."""
+        phi, log_density, log_surrogate = (a.copy() for a in state)
+        accepted, failed_runs = np.zeros(log_density.shape, dtype=bool), 0
+        for moving, resting in halves(self.walkers):
+            proposal, log_factor = proposed(
+                rng, phi[:, moving], phi[:, resting], self.stretch, self.differential_evolution
+            )
+            value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
+            value, failed_runs = value.reshape(log_factor.shape), failed_runs + int(failed.sum())
+            better = np.log(rng.random(log_factor.shape)) < log_factor + value - log_density[:, moving]
+            phi[:, moving][better], log_density[:, moving][better] = proposal[better], value[better]
+            accepted[:, moving] = better
+        log_surrogate = proposing.evaluate(phi.reshape(-1, phi.shape[2]))[0].reshape(log_surrogate.shape)
         state = TwoStageState(phi, log_density, log_surrogate)
-        return _block(state, accepted, failed_runs, true_runs, surrogate_runs, length, following)
+        return _block(state, accepted, failed_runs, accepted.size, 0, length, length, plain_every)
 
     def _sub_chain(
         self,
@@ -326,7 +364,8 @@ def _block(
     true_runs: int,
     surrogate_runs: int,
     sub_steps: int,
-    next_sub_steps: int | None = None,
+    next_sub_steps: int,
+    plain_every: int,
 ) -> Block:
     return {
         "phi": state.phi[None],
@@ -337,7 +376,8 @@ def _block(
         "true_runs": np.array([true_runs]),
         "surrogate_runs": np.array([surrogate_runs]),
         "sub_steps": np.array([sub_steps]),
-        "next_sub_steps": np.array([sub_steps if next_sub_steps is None else next_sub_steps]),
+        "next_sub_steps": np.array([next_sub_steps]),
+        "plain_every": np.array([plain_every]),
     }
 
 
@@ -352,7 +392,3 @@ def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tu
         return density, 0, 0
     density[rows], failed = target.evaluate(proposal[rows])
     return density, int(rows.sum()), int(failed.sum())
-
-
-def _stream_of(seed: int, number: int) -> np.random.Generator:
-    return stream(seed, _PURPOSE["steps"], number)
