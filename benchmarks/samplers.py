@@ -247,6 +247,11 @@ def main() -> None:
         evidence = evidence_rows(quick)
         exact = exact_rows(quick, posterior, calibrated)
         speed = agreement(quick, posterior, calibrated.surrogate)
+    write(quick, speed, exact, evidence)
+
+
+def write(quick: bool, speed: list[list[str]], exact: list[list[str]], evidence: list[list[str]]) -> None:
+    """Write the section, and keep its rows."""
     speed_heads = [
         "posterior",
         "sampler",
@@ -266,8 +271,7 @@ def main() -> None:
 
 **Samplers**: effective draws are the smallest bulk size of all parameters by one estimator for all; seconds are those of a second
 call, when everything is compiled, start and warm-up included; on the model itself, of the only one (fewer draws are asked for).
- emcee and NumPyro start from draws of the posterior, ours from the
-prior. The last column is the largest deviation of a mean or a second moment from the reference draws (posteriordb's own; for the
+emcee and NumPyro start from draws of the posterior, ours from the prior. The last column is the largest deviation of a mean or a second moment from the reference draws (posteriordb's own; for the
 study tempered SMC of 8000 particles) in combined Monte-Carlo standard errors: about 3 is to be expected of the largest of ten.
 
 {common.markdown_table(speed_heads, speed)}
