@@ -271,8 +271,9 @@ def write(quick: bool, speed: list[list[str]], exact: list[list[str]], evidence:
 
 **Samplers**: effective draws are the smallest bulk size of all parameters by one estimator for all; seconds are those of a second
 call, when everything is compiled, start and warm-up included; on the model itself, of the only one (fewer draws are asked for).
-emcee and NumPyro start from draws of the posterior, ours from the prior. The last column is the largest deviation of a mean or a second moment from the reference draws (posteriordb's own; for the
-study tempered SMC of 8000 particles) in combined Monte-Carlo standard errors: about 3 is to be expected of the largest of ten.
+emcee and NumPyro start from draws of the posterior, ours from the prior. The last column is the largest deviation of a mean or a
+second moment from the reference draws (posteriordb's own; for the study tempered SMC of 8000 particles) in combined Monte-Carlo
+standard errors: about 3 is to be expected of the largest of ten.
 
 {common.markdown_table(speed_heads, speed)}
 

@@ -290,3 +290,25 @@ def test_map_is_at_least_the_best_draw_and_predictions_have_bands(short_posterio
     # An observable the discrepancy covers: about nine tenths of the measurement lies in its 90 % band.
     y = short_posterior.observations[0].values
     assert np.mean((y > outer[0]) & (y < outer[1])) > 0.8
+
+
+def test_short_chains_are_judged_by_their_walkers():
+    """Twenty steps of AR(1) walkers with φ = 0.9, τ = 19: the mean over each ensemble, about its own mean, would say 3 or so."""
+    from structid.inference.diagnostics import autocorrelation_time, series_time
+
+    rng = np.random.default_rng(1)
+    draws = np.empty((20, 4, 400))
+    draws[0] = rng.normal(size=(4, 400))
+    for t in range(1, 20):
+        draws[t] = 0.9 * draws[t - 1] + np.sqrt(1.0 - 0.81) * rng.normal(size=(4, 400))
+    assert autocorrelation_time(draws.mean(axis=2).T) < 6.0 < series_time(draws)
+
+
+def test_few_steps_do_not_make_a_walker_stuck():
+    from structid.inference.diagnostics import stuck_walkers
+
+    rng = np.random.default_rng(2)
+    density = -0.5 * rng.chisquare(5, size=(8, 4, 32))
+    assert not stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).any()
+    density[:, 1, 7] -= 60.0
+    assert stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).sum() == 1

@@ -16,7 +16,7 @@ STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
 """Steps at least that are looked at for walkers that end far below the others."""
-SHORT = 50
+SHORT = 25
 """Steps of a series whose own mean hides what it has of correlation."""
 FEWEST_MOVES = 50
 """Accepted moves of the median walker from which a walker's acceptance says something of it."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import os
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
 from structid.inference import predictive
 from structid.inference.diagnostics import (
     BOUND_MASS,
@@ -264,12 +265,18 @@ class SamplingResult:
         """
         if not isinstance(self.target, Posterior) or not isinstance(self.target.model, JaxModel):
             return None
-        return np.sqrt(np.diag(robust_covariance(self.target, self.thinned())))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            return np.sqrt(np.diag(robust_covariance(self.target, self.thinned())))
 
     @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:
         """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
-        return whitened_residuals(self.target, self.map_estimate) if isinstance(self.target, Posterior) else ()
+        if not isinstance(self.target, Posterior):
+            return ()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)
+            return whitened_residuals(self.target, self.map_estimate)
 
     @cached_property
     def _verdict(self) -> Verdict:
@@ -308,38 +315,38 @@ class SamplingResult:
         return predictive.unexplained_fraction(self.target, self.map_estimate)
 
     def _warnings(self, unexplained: float) -> list[str]:
-        warnings = self._prior_warnings()
+        found = self._prior_warnings()
         if unexplained > UNEXPLAINED_LIMIT:
-            warnings.append(
+            found.append(
                 f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
                 "for these data"
             )
-        warnings += self._residual_warnings()
+        found += self._residual_warnings()
         if self._surrogate_matters(unexplained):
             error = self.target.model.relative_error  # type: ignore[attr-defined]
-            warnings.append(
+            found.append(
                 f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
                 f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
                 "structid.calibrate certify it"
             )
         outside = self._outside()
         if outside > 0:
-            warnings.append(
+            found.append(
                 f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
                 "widen its design, or do more true runs there"
             )
         if self.divergent:
-            warnings.append(
+            found.append(
                 f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
                 "follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
             )
         if self.failed_simulations:
-            warnings.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
-        return warnings
+            found.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
+        return found
 
     def _residual_warnings(self) -> list[str]:
         """Residuals that the law of the discrepancy does not describe."""
-        warnings = []
+        found = []
         for residual in self.residuals:
             if not residual.correlated:
                 continue
@@ -356,8 +363,8 @@ class SamplingResult:
                 worst = int(np.argmax(ratio))
                 if ratio[worst] > MUCH_WIDER:
                     told += f", and the sd of {self.names[worst]} is about {ratio[worst]:.1f} times too small (see the robust sd)"
-            warnings.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
-        return warnings
+            found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
+        return found
 
     def _surrogate_matters(self, unexplained: float) -> bool:
         """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
@@ -378,7 +385,7 @@ class SamplingResult:
         space = getattr(self.target, "space", None)
         if not isinstance(space, ParameterSpace):
             return []
-        warnings = []
+        found = []
         for i, (name, marginal) in enumerate(space.marginals.items()):
             draws = self.flat[:, i]
             strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
@@ -386,15 +393,15 @@ class SamplingResult:
                 mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
                 # A small error variance is a good fit, not a bound that binds.
                 if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
-                    warnings.append(
+                    found.append(
                         f"the posterior of {name} sits on the {side} bound of its prior: the data would go further"
                     )
             p = float(marginal.cdf(np.median(draws)))
             if min(p, 1.0 - p) < TAIL_PROBABILITY and not name.startswith("sigma2"):
-                warnings.append(
+                found.append(
                     f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
                 )
-        return warnings
+        return found
 
     # --- prediction ---------------------------------------------------------------------------------------------
 
