@@ -214,7 +214,8 @@ def test_run_report_resume_and_refusals(small, tmp_path):
         assert (out / name).stat().st_size > 0
     figures = {p.stem for p in (out / "figures").glob("*.png")}
     assert figures == {
-        "record", "processing", "measurement", "response_velocity", "loops", "energy", "marginals", "pairs", "residuals_velocity", "identifiability",
+        "record", "processing", "measurement", "response_velocity", "loops", "energy", "marginals", "pairs", "identifiability",
+        "residuals_velocity",
         "traces", "acceptance", "identified", "other_1_velocity",
     }  # fmt: skip
     assert figures == {p.stem for p in (out / "figures").glob("*.pdf")}
