@@ -295,11 +295,11 @@ def _run(
 
 def _print_table(heads: list[str], rows: list[list[str]]) -> None:
     """A row a thing where the screen is wide enough, else a block a thing."""
-    widths = [max(len(r[i]) for r in [heads, *rows]) for i in range(len(heads))]
-    if sum(widths) + 2 * len(widths) <= screen.width:
-        for row in [heads, *rows]:
-            line = "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True))
-            screen.print(line.rstrip(), markup=False, soft_wrap=True)
+    from structid.inference.comparison import aligned
+
+    lines = aligned(heads, rows)
+    if max(map(len, lines)) <= screen.width:
+        screen.print("\n".join(lines), markup=False, soft_wrap=True)
         return
     for row in rows:
         screen.print(f"\n{row[0]}", style="bold", markup=False)

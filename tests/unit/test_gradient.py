@@ -51,7 +51,7 @@ def test_the_gradient_of_a_posterior_is_exact(short_posterior):
     import jax
 
     phi = short_posterior.initial(1, np.random.default_rng(1))[0]
-    density = _Kernels(short_posterior, SMALL)._density(short_posterior._data)
+    density = _Kernels(short_posterior, SMALL)._density(short_posterior.data)
     gradient = np.asarray(jax.jit(jax.grad(density))(phi))
     for i, direction in enumerate(np.eye(len(phi))):
         step = 1e-5 * direction

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
 from structid.calibration.result import CalibrationResult, Round
-from structid.campaign.executors import mapping
+from structid.campaign.executors import spreading
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
@@ -24,7 +23,7 @@ from structid.inference.sampler import Block, Sampler
 from structid.inference.sampling import sample
 from structid.inference.tempered import SMC
 from structid.journal import Journal, digest
-from structid.models.base import JaxModel, Model, Progress
+from structid.models.base import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate, SurrogateSettings
@@ -341,7 +340,7 @@ class _Loop:
         seed, sampler = _seed(self.seed, "sampling", 0), self.sampler
         if isinstance(sampler, DelayedAcceptance):  # the model's own posterior, whatever the certificate says
             sampler = replace(sampler, approximation=surrogate)
-            with nullcontext() if isinstance(self.posterior.model, JaxModel) else mapping(self.executor) as spread:
+            with spreading(self.posterior.model, self.executor) as spread:
                 drawn = sample(
                     self.posterior.spread(spread), sampler, seed, chains, progress=self._told("exact sampling")
                 )

@@ -13,6 +13,7 @@ from typing import Any
 from structid.cores import available_cores
 from structid.errors import CampaignStoppedError, InputError
 from structid.models import external
+from structid.models.base import JaxModel, Map, Model
 from structid.models.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
@@ -280,3 +281,21 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
         abort = False
     finally:
         pool.close(abort)
+
+
+def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
+    """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none.
+
+    Parameters
+    ----------
+    model : Model
+        Whose runs they are.
+    executor : None, str, concurrent.futures.Executor or distributed.Client
+        As for `open_pool`.
+
+    Returns
+    -------
+    context manager
+        Gives a `map`, or None for a built-in model.
+    """
+    return contextlib.nullcontext() if isinstance(model, JaxModel) else mapping(executor)

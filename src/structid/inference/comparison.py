@@ -261,7 +261,23 @@ class Comparison:
         return ["", *(row[0] for row in rows)], [[heads[i], *(row[i] for row in rows)] for i in range(1, len(heads))]
 
     def __str__(self) -> str:
-        heads, rows = self.rows()
-        widths = [max(len(r[i]) for r in [heads, *rows]) for i in range(len(heads))]
-        lines = ["  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in [heads, *rows]]
-        return "\n".join([self.verdict, *lines])
+        return "\n".join([self.verdict, *aligned(*self.rows())])
+
+
+def aligned(heads: list[str], rows: list[list[str]]) -> list[str]:
+    """Lines of a table, its columns below one another.
+
+    Parameters
+    ----------
+    heads : list of str
+        Heads of the columns.
+    rows : list of list of str
+        Cells.
+
+    Returns
+    -------
+    list of str
+        The heads, then the rows.
+    """
+    widths = [max(len(r[i]) for r in [heads, *rows]) for i in range(len(heads))]
+    return ["  ".join(c.ljust(w) for c, w in zip(r, widths, strict=True)).rstrip() for r in [heads, *rows]]

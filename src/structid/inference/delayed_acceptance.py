@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.ensemble import halves, proposed
+from structid.inference.ensemble import halves, move_walkers
 from structid.inference.posterior import Posterior
 from structid.inference.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
 from structid.inference.starting import tempered_draws
@@ -286,14 +286,11 @@ class DelayedAcceptance(Sampler):
         phi, log_density, log_surrogate = (a.copy() for a in state)
         accepted, failed_runs = np.zeros(log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
-            proposal, log_factor = proposed(
-                rng, phi[:, moving], phi[:, resting], self.stretch, self.differential_evolution
-            )
-            value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
-            value, failed_runs = value.reshape(log_factor.shape), failed_runs + int(failed.sum())
-            better = np.log(rng.random(log_factor.shape)) < log_factor + value - log_density[:, moving]
-            phi[:, moving][better], log_density[:, moving][better] = proposal[better], value[better]
-            accepted[:, moving] = better
+            accepted[:, moving], failed = move_walkers(
+                rng, target, phi[:, moving], log_density[:, moving], phi[:, resting],
+                self.stretch, self.differential_evolution,
+            )  # fmt: skip
+            failed_runs += failed
         log_surrogate = proposing.evaluate(phi.reshape(-1, phi.shape[2]))[0].reshape(log_surrogate.shape)
         state = TwoStageState(phi, log_density, log_surrogate)
         return _block(state, accepted, failed_runs, accepted.size, 0, length, length, plain_every)
@@ -310,10 +307,7 @@ class DelayedAcceptance(Sampler):
         """L moves of one half under the surrogate's posterior, the other half frozen; where they end, and log π_s there."""
         phi, log_surrogate = phi.copy(), log_surrogate.copy()
         for _ in range(length):
-            proposal, log_factor = proposed(rng, phi, resting, self.stretch, self.differential_evolution)
-            value = proposing.evaluate(proposal.reshape(-1, phi.shape[2]))[0].reshape(log_factor.shape)
-            better = np.log(rng.random(log_factor.shape)) < log_factor + value - log_surrogate
-            phi[better], log_surrogate[better] = proposal[better], value[better]
+            move_walkers(rng, proposing, phi, log_surrogate, resting, self.stretch, self.differential_evolution)
         return phi, log_surrogate
 
     def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:

@@ -397,31 +397,54 @@ def run_block(
     }
     for step in range(steps):
         for moving, resting in halves(walkers):
-            accepted, failed = _move(rng, target, settings, phi, density, moving, resting)
+            accepted, failed = move_walkers(
+                rng, target, phi[:, moving], density[:, moving], phi[:, resting],
+                settings.stretch, settings.differential_evolution,
+            )  # fmt: skip
             block["accepted"][step, :, moving] = accepted
             block["failed"][step] += failed
         block["phi"][step], block["log_density"][step] = phi, density
     return EnsembleState(phi, density), block
 
 
-def _move(
+def move_walkers(
     rng: np.random.Generator,
     target: Target,
-    settings: AIES,
     phi: np.ndarray,
     density: np.ndarray,
-    moving: slice,
-    resting: slice,
+    resting: np.ndarray,
+    stretch: float,
+    differential_evolution: float,
 ) -> tuple[np.ndarray, int]:
-    """Move one half of every ensemble, in place: one batched call of the target."""
-    proposal, log_factor = proposed(
-        rng, phi[:, moving], phi[:, resting], settings.stretch, settings.differential_evolution
-    )
+    """Move one half of every ensemble, in place: one batched call of the target.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    target : Target
+        What is sampled.
+    phi : ndarray, shape (ensemble, walker, parameter)
+        The half that moves; changed.
+    density : ndarray, shape (ensemble, walker)
+        Its log density; changed.
+    resting : ndarray, shape (ensemble, walker, parameter)
+        The other half.
+    stretch : float
+        a of the stretch move.
+    differential_evolution : float
+        Fraction of the moves that are differential-evolution moves in the place of the stretch.
+
+    Returns
+    -------
+    tuple of ndarray of bool (ensemble, walker), int
+        Which moved, and how many simulations failed.
+    """
+    proposal, log_factor = proposed(rng, phi, resting, stretch, differential_evolution)
     value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
     value = value.reshape(log_factor.shape)
-    accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density[:, moving]
-    phi[:, moving][accepted] = proposal[accepted]
-    density[:, moving][accepted] = value[accepted]
+    accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density
+    phi[accepted], density[accepted] = proposal[accepted], value[accepted]
     return accepted, int(failed.sum())
 
 

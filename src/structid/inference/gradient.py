@@ -145,7 +145,7 @@ class NUTS(Sampler):
             blocks = [*blocks, block]
             if progress is not None:
                 progress(self.warm_up + min(number * BLOCK_STEPS, self.steps), total)
-        every = joined([{k: b[k] for k in blocks[-1]} for b in blocks[1:]], self.steps)
+        every = joined(blocks[1:], self.steps)
         return Drawn(
             every["phi"], every["log_density"], every["accepted"], 0, divergent=int(every["divergent"].sum())
         )  # fmt: skip

@@ -295,7 +295,7 @@ class Posterior(Target):
         """
         if not isinstance(self.model, JaxModel):
             return super().traceable()
-        return lambda phi, data: self._in_coordinates(phi, data)[0], self._data
+        return lambda phi, data: self._in_coordinates(phi, data)[0], self.data
 
     def spread(self, map: Map | None) -> Posterior:
         """Return the same posterior with the runs of an external model spread by `map`.
@@ -516,7 +516,8 @@ class Posterior(Target):
         return density, jnp.where(finite & inside, likelihood, -jnp.inf), inside & ~finite
 
     @cached_property
-    def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
+    def data(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Stages of the record and measured values of each observation, as the density takes them inside JAX."""
         assert isinstance(self.model, JaxModel)
         return [(o.record.stage_values(self.model.substeps), o.values) for o in self.observations]
 
@@ -546,7 +547,7 @@ class Posterior(Target):
         """Log density, log-likelihood and failure of every run."""
         theta = self._points(theta)
         if isinstance(self.model, JaxModel):
-            parts = [self._compiled["density"](theta[rows], self._data) for rows in _batches(len(theta))]
+            parts = [self._compiled["density"](theta[rows], self.data) for rows in batches(len(theta))]
             density, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
             return density, likelihood, failed
         prior = self.space.log_density(theta)
@@ -620,7 +621,7 @@ class Posterior(Target):
             Log density with respect to φ, and where a simulation failed.
         """
         if isinstance(self.model, JaxModel):
-            parts = [self._compiled["coordinates"](phi[rows], self._data) for rows in _batches(len(phi))]
+            parts = [self._compiled["coordinates"](phi[rows], self.data) for rows in batches(len(phi))]
             return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
         theta, jacobian = self.bijection(phi)
         density, _, failed = self._evaluate(theta)
@@ -640,7 +641,7 @@ class Posterior(Target):
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
         if isinstance(self.model, JaxModel):
-            parts = [self._compiled["parts"](phi[rows], self._data) for rows in _batches(len(phi))]
+            parts = [self._compiled["parts"](phi[rows], self.data) for rows in batches(len(phi))]
             prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
             return prior, likelihood, failed
         theta, jacobian = self.bijection(phi)
@@ -873,7 +874,7 @@ class Misfit:
         theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
         p = self._posterior
         if isinstance(p.model, JaxModel):
-            value = np.concatenate([self._compiled["value"](theta[rows], p._data) for rows in _batches(len(theta))])
+            value = np.concatenate([self._compiled["value"](theta[rows], p.data) for rows in batches(len(theta))])
         else:
             full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
             value = sum(
@@ -908,10 +909,24 @@ class Misfit:
                 "a built-in model or a surrogate",
                 "Use pattern search, which needs none.",
             )
-        parts = [self._compiled["linearised"](theta[rows], self._posterior._data) for rows in _batches(len(theta), 64)]
+        parts = [self._compiled["linearised"](theta[rows], self._posterior.data) for rows in batches(len(theta), 64)]
         value, gradient, hessian = (np.concatenate(column) for column in zip(*parts, strict=True))
         return value, gradient, hessian
 
 
-def _batches(count: int, size: int = LARGEST_BATCH) -> list[slice]:
+def batches(count: int, size: int = LARGEST_BATCH) -> list[slice]:
+    """Cut a number of runs into batches.
+
+    Parameters
+    ----------
+    count : int
+        Runs.
+    size : int
+        Of a batch at most.
+
+    Returns
+    -------
+    list of slice
+        One after another.
+    """
     return [slice(start, min(start + size, count)) for start in range(0, count, size)]

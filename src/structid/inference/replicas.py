@@ -18,12 +18,12 @@ import scipy.stats
 
 from structid.errors import ConvergenceError, InputError
 from structid.inference.discrepancy import Discrepancy
-from structid.inference.posterior import Posterior
+from structid.inference.posterior import Posterior, batches
 from structid.inference.sampler import Block
 from structid.inference.target import Target
 from structid.inference.tempered import SMC
 from structid.journal import digest
-from structid.models.base import LARGEST_BATCH, JaxModel, Model, Progress
+from structid.models.base import JaxModel, Model, Progress
 from structid.units import label
 
 if TYPE_CHECKING:
@@ -280,6 +280,11 @@ class ReplicatedPosterior(Target):
         return True
 
     @cached_property
+    def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Stages of the records, and what each observation shows in every replica (time, channel, replica)."""
+        return [(stages, values) for (stages, _), values in zip(self._posterior.data, self._values, strict=True)]
+
+    @cached_property
     def _compiled(self) -> Callable[..., Any]:
         from structid.device import jnp, over_runs
 
@@ -318,13 +323,7 @@ class ReplicatedPosterior(Target):
         """
         which = np.repeat(np.arange(self._count), len(phi) // self._count)
         rows = np.concatenate([phi, which[:, None]], axis=1)
-        p = self._posterior
-        assert isinstance(p.model, JaxModel)
-        stages = [o.record.stage_values(p.model.substeps) for o in p.observations]
-        data = list(zip(stages, self._values, strict=True))
-        parts = [
-            self._compiled(rows[start : start + LARGEST_BATCH], data) for start in range(0, len(rows), LARGEST_BATCH)
-        ]
+        parts = [self._compiled(rows[some], self._data) for some in batches(len(rows))]
         prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
         return prior, likelihood, failed
 

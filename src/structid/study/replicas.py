@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
-from structid.campaign.executors import mapping
+from structid.campaign.executors import spreading
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.replicas import Ranks, sbc
@@ -79,7 +78,7 @@ def check_by_simulation(
             "a [surrogate] fitted to a [campaign] over the whole prior",
             "Leave [calibration] out for this: its surrogate is good only near one posterior.",
         )
-    with nullcontext() if built_in else mapping(executor) as spread, stage("calibrating replicas") as progress:
+    with spreading(study.model, executor) as spread, stage("calibrating replicas") as progress:
         found = sbc(
             posterior.spread(spread),
             replicas,

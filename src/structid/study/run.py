@@ -8,7 +8,7 @@ import time
 import tomllib
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ import numpy as np
 
 from structid.calibration.result import CalibrationResult
 from structid.calibration.sequential import Plan, calibrate
-from structid.campaign.executors import mapping, open_pool
+from structid.campaign.executors import open_pool, spreading
 from structid.campaign.runner import Campaign
 from structid.campaign.store import open_runs
 from structid.errors import InputError, StructidWarning
@@ -328,8 +328,7 @@ def _work(
     if study.posterior is None:
         assert runs is not None
         return _runs_report(runs, study.file, folder, timings, surrogate)
-    # Only an external model's runs are spread: a built-in one runs in batches.
-    with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
+    with spreading(study.model, executor) as spread:
         study = replace(study, posterior=study.posterior.spread(spread))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
@@ -414,7 +413,7 @@ def _certified(
 ) -> Outcome:
     """Calibrate by a surrogate that true runs certify, and report it."""
     posterior = study.sampled
-    with nullcontext() if isinstance(study.model, JaxModel) else mapping(executor) as spread:
+    with spreading(study.model, executor) as spread:
         study = replace(study, posterior=posterior.spread(spread))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
