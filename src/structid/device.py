@@ -70,7 +70,7 @@ def padded_size(runs: int) -> int:
     return step * math.ceil(runs / step)
 
 
-def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
+def over_runs(function: BatchFunction, run_axes: Any = 0, spread: bool = True) -> BatchFunction:
     """Compile a function of arrays with a leading run axis, and spread that axis over the devices.
 
     Parameters
@@ -80,6 +80,9 @@ def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
         are the same for all runs.
     run_axes : int or tree of int
         Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
+    spread : bool
+        Whether to spread it. A loop over time keeps one core busy; products of matrices use them all by themselves, and two devices
+        would be in each other's way.
 
     Returns
     -------
@@ -89,6 +92,8 @@ def over_runs(function: BatchFunction, run_axes: Any = 0) -> BatchFunction:
 
     @jax.jit
     def compiled(theta: Any, constants: tuple[Any, ...]) -> Any:
+        if not spread:
+            return function(theta, *constants)
         specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
         return jax.shard_map(
             lambda t, c: function(t, *c),

@@ -7,6 +7,7 @@ import pytest
 
 import structid as si
 from structid.calibration.batch import far_apart, fresh_draws
+from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
@@ -200,3 +201,35 @@ def test_points_far_apart():
 def test_plans_that_make_no_sense(settings, words):
     with pytest.raises(InputError, match=words):
         si.Plan(**settings)
+
+
+@pytest.mark.parametrize("steepness", [0.1, 30.0, 1e5])
+def test_half_of_the_runs_count_however_steep_the_posterior_is(steepness):
+    log_density = -steepness * np.random.default_rng(1).gamma(2.0, size=300)
+    weights = nearness(np.append(log_density, -np.inf))
+    assert weights[:-1].max() == 1.0 and weights[-1] == LEAST
+    assert (np.diff(weights[:-1][np.argsort(log_density)]) >= 0).all()
+    effective = weights.sum() ** 2 / np.sum(weights**2)
+    if steepness > 1.0:
+        assert effective == pytest.approx(EFFECTIVE_SHARE * len(weights), rel=1e-6)
+    else:  # draws of the posterior: it is not sharpened
+        assert effective > 0.9 * len(weights)
+
+
+def test_where_every_run_failed_none_is_preferred():
+    np.testing.assert_array_equal(nearness(np.full(9, -np.inf)), 1.0)
+
+
+def test_a_narx_is_fitted_to_the_runs_near_the_posterior(space, model, measured):
+    """Rounds after the first weigh the runs; what comes out is certified, or said not to be."""
+    plan = si.Plan(true_runs=220, start=40, batch=30, certificate=100, explorer=EXPLORER)
+    settings = si.PCNARX(degree=2, steps=6)
+    found = si.calibrate(model, space, measured, settings, plan=plan, sampler=SAMPLER, seed=1)
+    reference = si.sample(si.Posterior(space, model, measured), SAMPLER, seed=9)
+    runs = found.runs[np.arange(found.training_runs)]
+    alike = settings.fit(runs)
+    truth = si.Posterior(space, model, measured).log_density(reference.flat[::40])
+    spread = lambda s: np.std(truth - found.posterior.on(s, False).log_density(reference.flat[::40]))  # noqa: E731
+    assert spread(found.surrogate) < spread(alike)
+    if found.certificate.certified:
+        assert (np.abs(found.mean - reference.mean) < 0.15 * reference.sd).all()

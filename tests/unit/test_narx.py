@@ -150,7 +150,7 @@ def test_the_free_run_is_the_plain_loop(recursion, coefficients, signals):
 @pytest.fixture(scope="module")
 def data(coefficients, signals):
     y = np.stack([by_hand(c, x) for c, x in zip(coefficients, signals, strict=True)])
-    return TrainingSet(signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool))
+    return TrainingSet(signals[:, :, None], y[:, :, None], np.ones(y.shape, dtype=bool), np.ones(len(y)))
 
 
 def test_one_step_terms_reproduce_the_outputs(recursion, coefficients, data):
@@ -189,7 +189,7 @@ def test_training_on_the_free_run_returns_to_what_made_the_data(recursion, coeff
     y = np.asarray(
         recursion.free_run(jnp.asarray(np.tile(shared, (5, 1)).T), jnp.asarray(data.x).transpose(1, 2, 0), 50.0)
     )
-    own = TrainingSet(data.x, y.transpose(2, 0, 1), data.counted)
+    own = TrainingSet(data.x, y.transpose(2, 0, 1), data.counted, data.weights)
     start = (shared * (1 + 0.03 * np.random.default_rng(3).normal(size=8)))[:, None]
     trained = train_free_run(run, start, features, own, None, 30, 1e-3)
     losses = [h["loss"] for h in trained.history]
@@ -292,10 +292,15 @@ def two_forces():
     return si.CombinedExcitation((a, b)), model.simulate(np.zeros((1, 0)), both).values[0], channels
 
 
+def linear_terms(channels):
+    """Two samples of both inputs' past and of each output's own."""
+    past = [f"x{i}(t-{k})" if k else f"x{i}(t)" for i in (1, 2) for k in range(3)]
+    return {c: [*past, f"y{i}(t-1)", f"y{i}(t-2)"] for i, c in enumerate(channels, 1)}
+
+
 def test_a_narx_of_two_inputs_and_terms_of_each_output(two_forces):
     excitation, response, channels = two_forces
-    past = [f"x{i}(t-{k})" if k else f"x{i}(t)" for i in (1, 2) for k in range(3)]
-    terms = {"velocity": [*past, "y1(t-1)", "y1(t-2)"], "displacement": [*past, "y2(t-1)", "y2(t-2)"]}
+    terms = linear_terms(channels)
     surrogate = si.NARX(terms=terms).fit(excitation, response, channels)
     assert surrogate.terms == tuple(f"y{i}: {t}" for i, c in enumerate(channels, 1) for t in terms[c])
     predicted = surrogate.simulate(np.zeros((1, 0)), excitation).values[0]
@@ -309,7 +314,7 @@ def test_a_narx_of_two_inputs_and_terms_of_each_output(two_forces):
 
 def test_several_inputs_are_kept_with_their_runs_and_their_surrogate(two_forces, tmp_path):
     excitation, response, channels = two_forces
-    surrogate = si.NARX(horizons=(8,), steps=2).fit(excitation, response, channels)
+    surrogate = si.NARX(terms=linear_terms(channels), horizons=(8,), steps=2).fit(excitation, response, channels)
     assert surrogate.recursion.inputs == ("x1", "x2")
     again = si.load_surrogate(surrogate.save(tmp_path / "two.h5"))
     nothing = np.zeros((1, 0))
@@ -435,3 +440,39 @@ def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_
             settings.check(space.sample(100, seed=1), [record, coarse], ("velocity",))
     with pytest.raises(InputError, match="9 runs on each of 2 records"):
         si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)], ("velocity",))
+
+
+# --- runs that count for more ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [si.PCNARX(degree=1, steps=6), si.KrigingNARX(degree=1, steps=6, refinements=1)])
+def test_a_surrogate_too_plain_for_all_runs_suits_those_that_weigh(kind):
+    record = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 8.0).scale_to_pga(3.0)
+    space = si.ParameterSpace(gamma_ratio=si.Uniform(-0.8, 1.0), stiffness=si.Uniform(5.0, 9.0, unit="kN/mm"))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=space.names)
+    runs = si.Campaign(model, record, space.sample(60, seed=1)).run()
+    unseen = space.sample(100, seed=2)
+    near = unseen[np.flatnonzero(distance(unseen) < 0.3)]
+    there = si.Campaign(model, record, near).run()
+    weights = np.exp(-((distance(runs.design) / 0.3) ** 2)) + 1e-3
+    plain, weighted = kind.fit(runs), kind.fit(runs, weights=weights)
+    assert weighted.validate(there).mean < 0.8 * plain.validate(there).mean
+    np.testing.assert_allclose(
+        kind.fit(runs, weights=np.full(60, 7.0)).simulate(near, record).values, plain.simulate(near, record).values
+    )
+
+
+def distance(design):
+    """From the middle of the prior, in units of its width."""
+    low, high = design.space.bounds.T
+    return np.linalg.norm((design.values - low) / (high - low) - 0.5, axis=1)
+
+
+@pytest.mark.parametrize("wrong", [np.ones(5), np.zeros(20), np.full(20, np.nan)])
+def test_weights_that_are_none(wrong):
+    record = si.GroundMotion.synthetic(seed=8).trim(3.0, 4.0)
+    space = si.ParameterSpace(gamma_ratio=si.Uniform(-0.5, 1.0))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, stiffness=7e6, beta=60.0, alpha=0.06, free=space.names)
+    runs = si.Campaign(model, record, space.sample(20, seed=1)).run()
+    with pytest.raises(InputError, match="20 positive numbers"):
+        si.PCNARX(degree=1).fit(runs, weights=wrong)

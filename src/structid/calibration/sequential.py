@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
+from structid.calibration.nearness import nearness
 from structid.calibration.result import CalibrationResult, Round
 from structid.campaign.executors import spreading
 from structid.campaign.runner import Campaign
@@ -27,6 +28,7 @@ from structid.models.base import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate, SurrogateSettings
+from structid.surrogates.narx import PCNARX, KrigingNARX
 from structid.surrogates.response_space import PODKriging
 from structid.surrogates.storage import load_surrogate
 
@@ -126,9 +128,10 @@ def calibrate(
     """Calibrate a model by a surrogate that is made better where the posterior is, until true runs certify it.
 
     A first design is run, a surrogate fitted, its posterior explored from the prior by degrees, and the model run at draws of it,
-    where the surrogate is least sure, and at tempered draws. When the weights of the plain draws are nearly equal, the next round
-    spends `Plan.certificate` fresh draws and a fifth more tempered ones on a `Certificate`. If that fails, they too train the next
-    surrogate.
+    where the surrogate is least sure, and at tempered draws. All of them train the next surrogate; a NARX, which goes through none
+    of its runs exactly, is fitted to those near the posterior more than to others. When the weights of the plain draws are nearly
+    equal, the next round spends `Plan.certificate` fresh draws and a fifth more tempered ones on a `Certificate`. If that fails,
+    they too train the next surrogate.
 
     Parameters
     ----------
@@ -206,6 +209,7 @@ class _Loop:
         settings.check(self._design(), self.records, posterior.model.channels)
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.rounds: list[Round] = []
+        self.last: Batch | None = None
 
     @property
     def _identity(self) -> dict[str, Any]:
@@ -234,6 +238,7 @@ class _Loop:
                 if self.journal is not None:
                     self.journal.append(_entry(batch, final))
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
+            self.last = batch
             runs = self._true_runs(runs)
             certificate, ratios = self._judge(batch, under, runs, training, final)
             self.rounds.append(_round(number, training, surrogate, batch, ratios, certificate))
@@ -277,11 +282,18 @@ class _Loop:
         if path is not None and path.is_file():
             surrogate = load_surrogate(path)
         else:
-            surrogate = self.settings.fit(runs, self._told("fitting the surrogate"))
+            surrogate = self._fit(runs, self._told("fitting the surrogate"))
             if path is not None:
                 surrogate.save(path)
         surrogate.trust()  # the certificate judges it
         return surrogate
+
+    def _fit(self, runs: Runs, told: Progress) -> Surrogate:
+        """Fit to all runs; a NARX, which interpolates none, to those near the posterior more than to others."""
+        if self.last is None or not isinstance(self.settings, (PCNARX, KrigingNARX)):
+            return self.settings.fit(runs, told)
+        near = nearness(self._best_densities(self.last, runs)[0])
+        return self.settings.fit(runs, told, np.repeat(near, len(self.records)))
 
     def _batch(self, number: int, surrogate: Surrogate, under: Posterior, final: bool) -> Batch:
         blocks: list[Block] = []
@@ -317,6 +329,10 @@ class _Loop:
         return certify(batch.fresh, log_true, batch.log_surrogate, stored, names, spent, limits), ratios
 
     def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
+        density, theta = self._best_densities(batch, runs)
+        return StoredRuns(density, under.log_density(theta))
+
+    def _best_densities(self, batch: Batch, runs: Runs) -> tuple[np.ndarray, np.ndarray]:
         """Densities at all true runs, each with those discrepancy parameters among some draws that suit it best."""
         dimension = self.space.dimension
         given = self.posterior.given(self._responses(runs, slice(None)))
@@ -327,7 +343,7 @@ class _Loop:
             density = given.log_density(trial)
             better = density > best
             best, theta[better] = np.where(better, density, best), trial[better]
-        return StoredRuns(best, under.log_density(theta))
+        return best, theta
 
     # --- the end ------------------------------------------------------------------------------------------------
 

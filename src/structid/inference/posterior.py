@@ -447,8 +447,26 @@ class Posterior(Target):
             response = response[:, np.array([self.model.channels.index(c) for c in observation.channels])]
         return observation.transmit(response, self.unknowns(theta, index))
 
-    def _likelihood_given(self, response: Any, theta: Any, values: Any, index: int) -> Any:
-        residual = values[:, :, None] - self.instrument(response, theta, index)
+    def likelihood_given(self, response: Any, theta: Any, values: Any, index: int) -> Any:
+        """Log-likelihood of one observation for responses that are there already, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run)
+            The model's response.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        values : array, shape (time, channel, 1 or run)
+            What was measured, the same for all runs or each its own.
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density of the residuals.
+        """
+        residual = values - self.instrument(response, theta, index)
         observation = self.observations[index]
         unknown = self.unknowns(theta, index)
         return self.discrepancy.log_likelihood(residual, unknown, observation.channels, observation.record.dt)
@@ -470,7 +488,7 @@ class Posterior(Target):
                 total, finite = total + short[0], finite & short[1]
                 continue
             response, good = self.model.response(parameters, self.observations[index].record, stages)
-            total = total + self._likelihood_given(response, theta, values, index)
+            total = total + self.likelihood_given(response, theta, values[:, :, None], index)
             finite = finite & good
         finite = finite & jnp.isfinite(total)
         return total, finite
@@ -535,10 +553,12 @@ class Posterior(Target):
     def _compiled(self) -> dict[str, Callable[..., Any]]:
         from structid.device import over_runs
 
+        assert isinstance(self.model, JaxModel)
+        spread = self.model.loops or not self.discrepancy.sees_only_squares  # correlated errors are a loop, too
         return {
-            "density": over_runs(self._log_density),
-            "coordinates": over_runs(self._in_coordinates),
-            "parts": over_runs(self._parts_in_coordinates),
+            "density": over_runs(self._log_density, spread=spread),
+            "coordinates": over_runs(self._in_coordinates, spread=spread),
+            "parts": over_runs(self._parts_in_coordinates, spread=spread),
         }
 
     # --- densities on the host ----------------------------------------------------------------------------------
@@ -564,7 +584,7 @@ class Posterior(Target):
             run = self.model.simulate(parameters, observation.record, map=self.map)
             failed |= ~run.done
             response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
-            total += np.asarray(self._likelihood_given(response, theta, observation.values, index))
+            total += np.asarray(self.likelihood_given(response, theta, observation.values[:, :, None], index))
         return np.where(failed, -np.inf, total), failed
 
     def _points(self, theta: np.ndarray) -> np.ndarray:
@@ -779,7 +799,7 @@ class GivenResponses:
                 own = p.unknowns(theta, index)
                 found = p.discrepancy.log_likelihood_of_squares(squares, samples, own, observation.channels)
             else:
-                found = p._likelihood_given(response, theta, observation.values, index)
+                found = p.likelihood_given(response, theta, observation.values[:, :, None], index)
             total = total + np.asarray(found)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)
 

@@ -269,6 +269,13 @@ class ReplicatedPosterior(Target):
                 "a posterior on a built-in model or a surrogate",
                 "Fit a surrogate to runs over the whole prior, and give the solver as simulator.",
             )
+        if posterior.model_error:
+            raise InputError(
+                "sbc",
+                "a posterior with model_error=True, whose likelihood knows one measurement only",
+                "a posterior without",
+                "Whether the surrogate's error matters is seen by giving the model behind it as simulator.",
+            )
         self.names, self.bijection = posterior.names, posterior.bijection
         self._posterior = posterior
         self._values = [np.ascontiguousarray(v.transpose(1, 2, 0)) for v in values]
@@ -297,11 +304,8 @@ class ReplicatedPosterior(Target):
             prior = p.space.jax_log_density(theta)
             total, finite = jnp.zeros(len(theta)), jnp.ones(len(theta), dtype=bool)
             for index, (stages, values) in enumerate(data):
-                observation, unknown = p.observations[index], p.unknowns(theta, index)
-                response, good = model.response(p.model_parameters(theta), observation.record, stages)
-                residual = values[:, :, which] - p.instrument(response, theta, index)
-                law = p.discrepancy
-                total += law.log_likelihood(residual, unknown, observation.channels, observation.record.dt)
+                response, good = model.response(p.model_parameters(theta), p.observations[index].record, stages)
+                total += p.likelihood_given(response, theta, values[:, :, which], index)
                 finite &= good
             good = finite & jnp.isfinite(total) & jnp.isfinite(prior)
             return prior + jacobian, jnp.where(good, total, -jnp.inf), jnp.isfinite(prior) & ~good

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -234,7 +234,14 @@ class JaxModel(Model):
 
     Inside JAX histories are [time, channel, run], as the scan over time makes them and as vector units like them; `simulate`
     turns them into [run, time, channel].
+
+    Attributes
+    ----------
+    loops : bool
+        Whether a response is a loop over time, which XLA runs on one core, so that batches are spread over the cores.
     """
+
+    loops: ClassVar[bool] = True
 
     @abstractmethod
     def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:

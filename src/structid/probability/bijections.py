@@ -83,7 +83,7 @@ class Bijection:
     def _compiled_forward(self) -> Any:
         from structid.device import over_runs
 
-        return over_runs(self.forward)
+        return over_runs(self.forward, spread=False)
 
     def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Map ℝᵈ to the box, on the host.

@@ -435,6 +435,35 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
     return done, left_out
 
 
+def checked_weights(where: str, weights: np.ndarray, runs: Runs) -> np.ndarray:
+    """Check how much runs count, and leave out those that failed.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    weights : ndarray, shape (run,)
+        Of all runs.
+    runs : Runs
+        The runs.
+
+    Returns
+    -------
+    ndarray, shape (finished run,)
+        One on average.
+
+    Raises
+    ------
+    InputError
+        If they are not as many positive numbers as there are runs.
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    if weights.shape != (len(runs),) or not (np.isfinite(weights) & (weights > 0.0)).all():
+        raise InputError(f"{where}: weights", f"an array of shape {weights.shape}", f"{len(runs)} positive numbers")
+    kept = weights[runs.done]
+    return np.asarray(kept / kept.mean())
+
+
 def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) -> None:
     """Refuse too few runs.
 

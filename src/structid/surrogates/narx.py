@@ -143,7 +143,7 @@ class PCNARX(NARXSettings):
 
     pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))
 
-    def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
+    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
         """Fit to runs on one record or several.
 
         Parameters
@@ -152,13 +152,15 @@ class PCNARX(NARXSettings):
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
             Told how far the fit is, in hundredths.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts; the same for all when left out.
 
         Returns
         -------
         ParametricNARX
             A model for these parameters and any record.
         """
-        return NARXFit(self, runs, progress).pc_narx(self.pce)
+        return NARXFit(self, runs, progress, weights=weights).pc_narx(self.pce)
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ class KrigingNARX(NARXSettings):
     kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))
     refinements: int = 2
 
-    def fit(self, runs: Runs, progress: Progress | None = None) -> ParametricNARX:
+    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
         """Fit to runs on one record or several; see `PCNARX.fit`.
 
         Parameters
@@ -191,13 +193,15 @@ class KrigingNARX(NARXSettings):
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
             Told how far the fit is, in hundredths.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts; the same for all when left out.
 
         Returns
         -------
         ParametricNARX
             A model for these parameters and any record.
         """
-        return NARXFit(self, runs, progress).kriging_narx(self.kriging, self.refinements)
+        return NARXFit(self, runs, progress, weights=weights).kriging_narx(self.kriging, self.refinements)
 
 
 @dataclass(frozen=True)

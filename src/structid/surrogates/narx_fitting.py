@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,16 @@ from structid.errors import InputError
 from structid.models.base import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
-from structid.surrogates.base import FEWEST_RUNS, Fit, Stopwatch, common_step, fitted_range, fitting_runs, run_digests
+from structid.surrogates.base import (
+    FEWEST_RUNS,
+    Fit,
+    Stopwatch,
+    checked_weights,
+    common_step,
+    fitted_range,
+    fitting_runs,
+    run_digests,
+)
 from structid.surrogates.kriging import Kriging
 from structid.surrogates.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
 from structid.surrogates.pce import PCE, ChaosExpansion
@@ -22,10 +32,10 @@ from structid.surrogates.structure import (
     Experiments,
     build_recursion,
     constant_shapes,
-    evenly,
     first_coefficients,
     per_experiment_solution,
     select_terms,
+    spread_rows,
     training_set,
 )
 from structid.surrogates.training import FreeRun, TrainingSet, refined_coefficients, robust_loss, train_free_run
@@ -119,10 +129,17 @@ class NARXFit:
         Told how far it is, in hundredths.
     fewest : int
         Fewer finished runs are refused.
+    weights : ndarray, shape (run,), optional
+        How much the error of each run counts; the same for all when left out.
     """
 
     def __init__(
-        self, settings: NARXSettings, runs: Runs, progress: Progress | None, fewest: int = FEWEST_RUNS
+        self,
+        settings: NARXSettings,
+        runs: Runs,
+        progress: Progress | None,
+        fewest: int = FEWEST_RUNS,
+        weights: np.ndarray | None = None,
     ) -> None:
         self.settings, self.stages, self.watch = settings, Stages(progress, STAGES), Stopwatch()
         self.kind = type(settings).__name__
@@ -132,6 +149,8 @@ class NARXFit:
         self.experiments = Experiments.of(self.runs, self.dt, settings.washout)
         self.recursion = build_recursion(self.experiments, settings.terms, settings.memories)
         self.data = training_set(self.experiments, self.recursion)
+        if weights is not None:
+            self.data = replace(self.data, weights=checked_weights(f"{self.kind}.fit", weights, runs))
         self.largest = float(np.abs(self.data.y).max())
         self.fitted, self.unseen = held_out_rows(len(self.runs), settings.held_out, settings.seed)
         if settings.selection is not None:
@@ -218,14 +237,14 @@ class NARXFit:
         start = self._over_short_horizons(start, rows, data)
         # Most steps see part of the runs only: enough to determine every coefficient.
         steps, tell = self.settings.steps, self.stages.of("training")
-        some = evenly(len(data), max(len(data) // 4, 3 * len(basis)))
+        some = spread_rows(data.weights, max(len(data) // 4, 3 * len(basis)))
         early = max(steps - LAST_STEPS, 0) if len(some) < len(data) // 2 else 0
         if early:
             start = train_free_run(
                 self.free_run,
                 start,
                 rows[some],
-                data[some],
+                data[some].alike(),
                 held_out,
                 early,
                 LOSS_SCALE,
@@ -248,7 +267,7 @@ class NARXFit:
         """Train on runs that start again from the measured past: as asked for, or where free runs are lost."""
         horizons = self.settings.horizons
         if horizons is None:
-            loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE)
+            loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE, data.weights)
             horizons = RESCUE_HORIZONS if loss > np.log1p(LOST / LOSS_SCALE) else ()
         for done, horizon in enumerate(horizons):
             short = FreeRun(self.recursion, self.free_run.bound, horizon)
@@ -273,10 +292,11 @@ class NARXFit:
         # Runs held out, or all of them where none are.
         rows = self.unseen if len(self.unseen) else self.fitted
         predicted = np.asarray(coefficients.predict(self.design.values[rows]))
-        errors = self.free_run.errors(predicted, self.data[rows])
+        errors = self.free_run.errors(predicted, self.data[rows]).mean(axis=1)
+        error = float(np.average(errors, weights=self.data.weights[rows]))
         fit = Fit(
             self.kind, self.settings.in_words, self.design.space, self.runs.channels, self.excitation, self.dt,
-            *fitted_range(self.runs.design), len(self.runs), self.left_out, float(errors.mean()),
+            *fitted_range(self.runs.design), len(self.runs), self.left_out, error,
             self.settings.limit, self.settings.outside, self.watch.seconds, run_digests(self.runs),
         )  # fmt: skip
         largest_input = np.abs(self.experiments.x).max(axis=(0, 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -329,6 +329,8 @@ class ResponseSpaceSurrogate(Surrogate):
     records : mapping of str to RecordFit
         By content hash of the record.
     """
+
+    loops: ClassVar[bool] = False
 
     def __init__(self, fit: Fit, records: Mapping[str, RecordFit]) -> None:
         super().__init__(fit)

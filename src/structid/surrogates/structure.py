@@ -305,7 +305,7 @@ def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
     """
     x = experiments.x / np.array([recursion.scales[name] for name in recursion.inputs])
     y = experiments.y / np.array([recursion.scales[name] for name in recursion.outputs])
-    return TrainingSet(x, y, experiments.counted)
+    return TrainingSet(x, y, experiments.counted, np.ones(len(x)))
 
 
 def first_coefficients(
@@ -336,7 +336,7 @@ def first_coefficients(
         The best A; the shapes are constant.
     """
     recursion = runs.recursion
-    tried = evenly(len(data), TRIED_RUNS)
+    tried = spread_rows(data.weights, TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
     shapes = FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,)
     tell = Steps(progress, len(shapes) * len(ridges))
@@ -345,7 +345,7 @@ def first_coefficients(
         square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
         square, inner = square.sum(axis=1), inner.sum(axis=1)
         for ridge in ridges:
-            found = joint_solution(square, inner, features, np.ones(len(data)), ridge)
+            found = joint_solution(square, inner, features, data.weights, ridge)
             found[recursion.linear_size :, 0] = vector[recursion.linear_size :]
             loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
             if loss < lowest:
@@ -354,22 +354,25 @@ def first_coefficients(
     return best
 
 
-def evenly(count: int, most: int) -> np.ndarray:
-    """Rows spread evenly over all of them.
+def spread_rows(weights: np.ndarray, most: int) -> np.ndarray:
+    """Choose rows spread over all of them, as densely as they weigh.
 
     Parameters
     ----------
-    count : int
-        How many there are.
+    weights : ndarray, shape (row,)
+        How much each row counts.
     most : int
         How many are wanted at most.
 
     Returns
     -------
     ndarray of int
-        Rising.
+        Rising; fewer than wanted where few rows weigh all.
     """
-    return np.linspace(0, count - 1, min(count, most)).astype(int)
+    if len(weights) <= most:
+        return np.arange(len(weights))
+    reached = np.cumsum(weights) / np.sum(weights)
+    return np.unique(np.searchsorted(reached, (np.arange(most) + 0.5) / most))
 
 
 def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
@@ -419,8 +422,7 @@ def select_terms(
         The structure with the terms kept.
     """
     recursion = runs.recursion
-    tried = evenly(len(data), TRIED_RUNS)
-    some = data[tried]
+    some = data[spread_rows(data.weights, TRIED_RUNS)]
     vector = constant_shapes(recursion, FIRST_SHAPES[1])
     square, inner = runs.regression_equations(np.tile(vector, (len(some), 1)), some)
     kept: list[tuple[Term, ...]] = []
@@ -472,7 +474,7 @@ def _best_candidate(
         columns = own.start + np.array(chosen)
         gram = square[:, output][:, columns][:, :, columns]
         coefficients[:, columns] = _solved(gram, inner[:, output][:, columns])
-        loss = robust_loss(runs.errors(coefficients, data)[:, output], 1e-2)
+        loss = robust_loss(runs.errors(coefficients, data)[:, [output]], 1e-2)
         if loss < lowest:
             best, lowest = tuple(recursion.terms[output][i] for i in chosen), loss
     return best

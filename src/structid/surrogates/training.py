@@ -10,7 +10,7 @@ Gauss–Newton step has the shape of the joint regression, with sensitivities in
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -41,17 +41,30 @@ class TrainingSet:
         Outputs.
     counted : ndarray of bool, shape (run, time)
         Samples that count: not those beyond the end of a shorter record.
+    weights : ndarray, shape (run,)
+        How much the error of each run counts.
     """
 
     x: np.ndarray
     y: np.ndarray
     counted: np.ndarray
+    weights: np.ndarray
 
     def __len__(self) -> int:
         return len(self.x)
 
     def __getitem__(self, rows: np.ndarray) -> TrainingSet:
-        return TrainingSet(self.x[rows], self.y[rows], self.counted[rows])
+        return TrainingSet(self.x[rows], self.y[rows], self.counted[rows], self.weights[rows])
+
+    def alike(self) -> TrainingSet:
+        """Let all runs count the same.
+
+        Returns
+        -------
+        TrainingSet
+            With weights of one.
+        """
+        return replace(self, weights=np.ones(len(self)))
 
     @cached_property
     def spread(self) -> np.ndarray:
@@ -301,7 +314,7 @@ class Trained:
     history: list[dict[str, float]] = field(default_factory=list)
 
 
-def robust_loss(errors: np.ndarray, scale: float) -> float:
+def robust_loss(errors: np.ndarray, scale: float, weights: np.ndarray | None = None) -> float:
     """Mean of log(1 + ε/s): no run that diverges rules the sum.
 
     Parameters
@@ -310,13 +323,15 @@ def robust_loss(errors: np.ndarray, scale: float) -> float:
         Relative errors.
     scale : float
         s.
+    weights : ndarray, shape (run,), optional
+        How much each run counts.
 
     Returns
     -------
     float
         The loss.
     """
-    return float(np.mean(np.log1p(errors / scale)))
+    return float(np.average(np.log1p(errors / scale).mean(axis=1), weights=weights))
 
 
 def train_free_run(
@@ -360,7 +375,7 @@ def train_free_run(
     """
     current, damping = start, 1e-3
     errors = runs.errors(features @ current.T, data)
-    loss = robust_loss(errors, scale)
+    loss = robust_loss(errors, scale, data.weights)
     best = Trained(start, [_entry(loss, errors, current, runs, held_out, scale)])
     lowest = best.history[-1]["judged"]
     for step in range(steps):
@@ -370,9 +385,9 @@ def train_free_run(
         inner = np.einsum("ro,roi->ri", weights, inner)
         gained = 0.0
         for _ in range(6):
-            trial = current + joint_solution(square, inner, features, np.ones(len(data)), damping)
+            trial = current + joint_solution(square, inner, features, data.weights, damping)
             trial_errors = runs.errors(features @ trial.T, data)
-            gained = loss - robust_loss(trial_errors, scale)
+            gained = loss - robust_loss(trial_errors, scale, data.weights)
             if gained > 0:
                 break
             damping *= 10.0
@@ -402,7 +417,7 @@ def _entry(
         features, data = held_out
         unseen = runs.errors(features @ current.T, data)
         entry |= {"held_out_mean": float(unseen.mean()), "held_out_worst": float(unseen.max())}
-        entry["judged"] = robust_loss(unseen, scale)
+        entry["judged"] = robust_loss(unseen, scale, data.weights)
     return entry
 
 
