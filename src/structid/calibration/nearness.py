@@ -8,8 +8,8 @@ import scipy.optimize
 EFFECTIVE_SHARE = 0.5
 """Share of the runs that count in effect, by Kish's measure (Σw)²/Σw²."""
 
-LEAST = 1e-3
-"""Weight of a run far from the posterior: it keeps a surrogate from going astray there, and no more."""
+LEAST = 1e-2
+"""Weight of a run far from the posterior: enough that a surrogate does not go astray there, and finds no mode that is none."""
 
 
 def nearness(log_density: np.ndarray) -> np.ndarray:
