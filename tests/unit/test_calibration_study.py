@@ -8,7 +8,7 @@ from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN, shortened
 
-STUDY = shortened(PLAIN).replace('methods = ["pattern_search", "interior_point"]\nstarts = 8', "methods = []")
+STUDY = shortened(PLAIN).replace('methods = ["pattern_search", "interior_point"]\nstarts = 4', "methods = []")
 HEAD, TAIL = STUDY[: STUDY.index("[sampler]")], STUDY[STUDY.index("[deterministic]") :]
 CALIBRATION = "[calibration]\ntrue_runs = 300\nstart = 40\nbatch = 20\ncertificate = 100\n\n"
 SAMPLER = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n\n'

@@ -84,7 +84,7 @@ def test_without_evidence_what_is_left_out_decides():
 
 
 QUICK = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n'
-METHODS = ('methods = ["pattern_search", "interior_point"]\nstarts = 8', "methods = []")
+METHODS = ('methods = ["pattern_search", "interior_point"]\nstarts = 4', "methods = []")
 DEGRADING = """[parameters.delta_eta]
 distribution = "uniform"
 low = 0

@@ -24,7 +24,7 @@ SMALL = (
     .replace("steps = 3000", "steps = 80\nsettling_steps = 0\nstart_candidates = 2")
     .replace("walkers = 32", "walkers = 12")
     .replace("ensembles = 4", "ensembles = 2")
-    .replace("starts = 8", "starts = 2")
+    .replace("starts = 4", "starts = 2")
 )
 
 

@@ -15,7 +15,7 @@ from studies import PACKAGED, PLAIN, shortened
 STUDY = (
     shortened(PLAIN)
     .replace("steps = 3000", "steps = 30\nstart_candidates = 1\nsettling_steps = 0")
-    .replace('methods = ["pattern_search", "interior_point"]\nstarts = 8', "methods = []")
+    .replace('methods = ["pattern_search", "interior_point"]\nstarts = 4', "methods = []")
     .replace("[discrepancy]", "[campaign]\nruns = 80\n\n[discrepancy]")
 )
 
