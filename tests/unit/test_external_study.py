@@ -1,13 +1,12 @@
 """Studies of external solvers, from their words to runs, draws and pages; every mistake in them is one clear paragraph."""
 
-import os
-import subprocess
 import sys
 
 import numpy as np
 import pytest
 
 import structid as si
+from commands import structid
 from structid import cli
 from structid.errors import InputError, Status
 from structid.study.run import load, report_again, run_study
@@ -30,13 +29,6 @@ def folder(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "runs.toml").write_text(RUNS_ONLY)
     return tmp_path
-
-
-def structid(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-c", "from structid.cli import main; main()", *map(str, arguments)],
-        cwd=cwd, capture_output=True, text=True, env=dict(os.environ, COLUMNS="200"),
-    )  # fmt: skip
 
 
 def test_runs_then_a_calibration_then_the_page_again(folder):

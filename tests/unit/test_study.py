@@ -1,17 +1,15 @@
 """Study files and the command line: every mistake is one clear paragraph and exit code 2, and nothing is half-written."""
 
 import json
-import os
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
 import pytest
 
 import structid as si
+from commands import structid
 from structid import cli
 from structid.errors import InputError
 from structid.study.build import build
@@ -33,13 +31,6 @@ def small(tmp_path):
     path = tmp_path / "small.toml"
     path.write_text(SMALL)
     return path
-
-
-def structid(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-c", "from structid.cli import main; main()", *map(str, arguments)],
-        cwd=cwd, capture_output=True, text=True, env=dict(os.environ, COLUMNS="200"),
-    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", cli.TEMPLATES)

@@ -365,7 +365,7 @@ def calibration_tables(calibration: CalibrationResult | None) -> list[tuple[str,
         ]
         for r in calibration.rounds
     ]  # fmt: skip
-    heads = ["round", "training runs", "surrogate's own error", "effective", "spread of log w", "certificate"]
+    heads = ["round", "training runs", "surrogate's error, all runs", "effective", "spread of log w", "certificate"]
     return [
         ("What was asked for", (["", "found", "limit"], asked)),
         ("How far the model's runs move each mean, in standard deviations", (["", "shift"], shifts)),

@@ -153,7 +153,7 @@ class PCNARX(NARXSettings):
         progress : callable, optional
             Told how far the fit is, in hundredths.
         weights : ndarray, shape (run,), optional
-            How much the error of each run counts; the same for all when left out.
+            How much the error of each run counts in the joint training; the same for all when left out.
 
         Returns
         -------
@@ -194,7 +194,7 @@ class KrigingNARX(NARXSettings):
         progress : callable, optional
             Told how far the fit is, in hundredths.
         weights : ndarray, shape (run,), optional
-            How much the error of each run counts; the same for all when left out.
+            How much the error of each run counts in the joint training; the same for all when left out.
 
         Returns
         -------

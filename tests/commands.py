@@ -1,0 +1,36 @@
+"""The command line as a user calls it, in this process: what it prints, and its exit code, without the seconds of a new start."""
+
+import contextlib
+import io
+import signal
+import sys
+from dataclasses import dataclass
+
+from structid import cli
+
+
+@dataclass(frozen=True)
+class Called:
+    """What a command has said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def structid(*arguments, cwd):
+    """Call ``structid ARGUMENT…`` in a folder, on a terminal 200 characters wide."""
+    said, complained, before = io.StringIO(), io.StringIO(), (sys.argv, cli.screen.width, cli.errors.width)
+    on_kill = signal.getsignal(signal.SIGTERM)
+    sys.argv = ["structid", *map(str, arguments)]
+    cli.screen.width = cli.errors.width = 200
+    code = 0
+    try:
+        with contextlib.chdir(cwd), contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained):
+            cli.main()
+    except SystemExit as ended:
+        code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
+    finally:
+        sys.argv, cli.screen.width, cli.errors.width = before
+        signal.signal(signal.SIGTERM, on_kill)
+    return Called(code, said.getvalue(), complained.getvalue())
