@@ -533,14 +533,15 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
     for method in study.search_methods:
         stored = folder / f"{method}.json"
         name = method.replace("_", " ")
-        settings = section.model_dump(mode="json")
+        # A calibration that went on has another surrogate, whose minima are others.
+        settings = {**section.model_dump(mode="json"), "posterior": study.sampled.content_hash}
         if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
             found[name] = _read_search(stored, study.sampled)
             continue
         with stage(name) as progress, timings.measured(name):
             found[name] = _SEARCHES[method](
                 study.sampled.misfit,
-                bounds=study.search_bounds,
+                bounds=_searched_range(study),
                 constraints=section.constraints,
                 starts=section.starts,
                 seed=study.file.seed,
@@ -549,6 +550,18 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
         found[name].to_text(folder / f"{method}.txt")
         _write_search(stored, found[name], settings)
     return found
+
+
+def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
+    """Bounds of the searches in SI: the study's, within the range of a surrogate, which beyond it responds as at the edge."""
+    model, given = study.sampled.model, study.search_bounds
+    if not isinstance(model, Surrogate):
+        return given
+    bounds = dict(given or {})
+    for name, low, high in zip(model.free, model.fitted.low, model.fitted.high, strict=True):
+        least, most = bounds.get(name, (low, high))
+        bounds[name] = (max(least, float(low)), min(most, float(high)))
+    return bounds
 
 
 def _write_search(path: Path, result: OptimizeResult, settings: dict[str, Any]) -> None:
