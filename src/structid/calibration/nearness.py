@@ -5,8 +5,10 @@ from __future__ import annotations
 import numpy as np
 import scipy.optimize
 
+from structid.inference.diagnostics import weighted_size
+
 EFFECTIVE_SHARE = 0.5
-"""Share of the runs that count in effect, by Kish's measure (Σw)²/Σw²."""
+"""Share of the runs that count in effect; see `weighted_size`."""
 
 LEAST = 1e-2
 """Weight of a run far from the posterior: enough that a surrogate does not go astray there, and finds no mode that is none."""
@@ -37,8 +39,7 @@ def nearness(log_density: np.ndarray) -> np.ndarray:
         return np.maximum(np.exp(np.exp(log_exponent) * below), LEAST)
 
     def excess(log_exponent: float) -> float:
-        w = weights(log_exponent)
-        return float(w.sum() ** 2 / np.sum(w**2)) - EFFECTIVE_SHARE * len(w)
+        return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)
 
     if excess(0.0) >= 0.0:  # all runs are draws of the posterior, as it were
         return weights(0.0)

@@ -118,6 +118,12 @@ class CalibrationResult:
         return self.rounds[-1].training
 
     @property
+    def enough_to_go_on(self) -> int:
+        """Fewest true runs with which a calibration that was refused goes on: a round with a certificate more."""
+        last = self.rounds[-1]
+        return self.certificate.true_runs + last.fresh + last.others
+
+    @property
     def exact(self) -> bool:
         """Whether the draws are of the model's own posterior, whatever the certificate says of the surrogate's."""
         return self.sampling.cost is not None

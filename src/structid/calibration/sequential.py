@@ -18,6 +18,7 @@ from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.delayed_acceptance import DelayedAcceptance
+from structid.inference.diagnostics import weighted_size
 from structid.inference.discrepancy import Discrepancy
 from structid.inference.posterior import Observation, Posterior
 from structid.inference.sampler import Block, Sampler
@@ -399,5 +400,5 @@ def _round(
     spread = float(np.std(ratios)) if failed == 0 else float("inf")
     return Round(
         number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others),
-        float(weights.sum() ** 2 / np.sum(weights**2)), spread, failed, certificate, ratios,
+        weighted_size(weights), spread, failed, certificate, ratios,
     )  # fmt: skip

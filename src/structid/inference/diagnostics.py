@@ -61,6 +61,22 @@ def autocorrelation_time(series: np.ndarray, window: float = 5.0, centre: bool =
     return float(max(sums[long_enough[0] if long_enough.size else steps - 1], 1.0))
 
 
+def weighted_size(weights: np.ndarray) -> float:
+    """Effective number of weighted draws by Kish's measure, (Σw)²/Σw².
+
+    Parameters
+    ----------
+    weights : ndarray, shape (draw,)
+        Not negative, not all zero; their scale does not matter.
+
+    Returns
+    -------
+    float
+        From 1 to the number of draws.
+    """
+    return float(np.sum(weights) ** 2 / np.sum(weights**2))
+
+
 def effective_sample_size(draws: np.ndarray) -> float:
     """Effective number of independent draws for the mean of a quantity.
 

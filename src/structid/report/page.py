@@ -71,6 +71,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         cost=content.result.cost,
         too_sure=isinstance(content.posterior.discrepancy, IID) and any(r.correlated for r in content.result.residuals),
         certificate=None if content.calibration is None else content.calibration.certificate,
+        enough_to_go_on=None if content.calibration is None else content.calibration.enough_to_go_on,
         sections=_SECTIONS,
         figures=figures,
         settings=content.settings,
