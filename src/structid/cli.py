@@ -104,13 +104,14 @@ def run(
 def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
     """Say everything that is wrong with a study and what it will cost, without running it."""
     from structid.study.cost import estimate
+    from structid.study.plausibility import plausibility
     from structid.study.run import load
 
     built = load(study)
     _describe(built)
-    with screen.status("timing the model"):
-        cost = estimate(built)
-    screen.print(str(cost))
+    with screen.status("running the model a few times"):
+        sizes, cost = plausibility(built), estimate(built)
+    screen.print("\n".join([*sizes, str(cost)]), markup=False, soft_wrap=True)
     screen.print(f"[bold green]{study} is in order.[/]")
 
 

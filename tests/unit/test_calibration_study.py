@@ -1,9 +1,11 @@
 """A study with a [calibration]: certificate first on the page and in the exit code, resumed, refused."""
 
+import json
+
 import numpy as np
 import pytest
 
-from structid import cli
+from commands import structid
 from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN, shortened
@@ -40,16 +42,28 @@ def test_a_certified_study(tmp_path):
     assert report_again(tmp_path / "out").report.read_text().count("<figure>") == page.count("<figure>")
 
 
-def test_a_study_that_is_not_certified_says_so_and_exits_with_3(tmp_path, monkeypatch):
-    """A surrogate far too smooth, and no budget to make it better."""
+def test_a_study_that_is_not_certified_says_so_and_goes_on_with_more_runs(tmp_path):
+    """A surrogate far too smooth, and no budget to make it better; what rests on it is done again with the next one."""
     budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
-    study = written(tmp_path, budget, 'kind = "pod_kriging"\nnugget = 0.5\ncorrelation = "gaussian"')
-    with pytest.raises(SystemExit) as ended:
-        monkeypatch.setattr("sys.argv", ["structid", "run", str(study), "--out", str(tmp_path / "out")])
-        cli.main()
-    assert ended.value.code == 3
+    too_smooth = 'kind = "pod_kriging"\nnugget = 0.5\ncorrelation = "gaussian"'
+    study = written(tmp_path, budget, too_smooth)
+    searched = study.read_text().replace("methods = []", 'methods = ["interior_point"]\nstarts = 2')
+    study.write_text(searched)
+    done = structid("run", study, "--out", "out", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Not to be trusted: do not use these numbers" in page or "Usable with re-weighting" in page
+    assert "true runs: 160" in structid("runs", "out", cwd=tmp_path).stdout or "160 runs" in done.stdout
+    first = json.loads((tmp_path / "out" / "interior_point.json").read_text())
+    study.write_text(searched.replace("true_runs = 160", "true_runs = 300"))
+    outcome = run_study(study, tmp_path / "out", resume=True)
+    second = json.loads((tmp_path / "out" / "interior_point.json").read_text())
+    assert outcome.calibration.training_runs > 160 and second["settings"] != first["settings"]
+    fitted = outcome.surrogate.fitted
+    for search in (first, second):  # the posterior lies on a bound of the prior, which no run of a design quite reaches
+        ends = np.array([m["theta"] for m in search["minima"]])
+        assert (ends <= load(study).space.bounds[:, 1]).all()
+    assert (ends >= fitted.low).all() and (ends <= fitted.high).all()
 
 
 def test_exact_sampling_needs_no_certificate(tmp_path):

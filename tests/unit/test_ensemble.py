@@ -312,3 +312,20 @@ def test_few_steps_do_not_make_a_walker_stuck():
     assert not stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).any()
     density[:, 1, 7] -= 60.0
     assert stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).sum() == 1
+
+
+def test_a_posterior_on_a_bound_of_its_prior():
+    """At zero, which physics mostly sets, the data show nothing of the parameter; elsewhere they would go further."""
+    space = si.ParameterSpace(a=si.Uniform(0.0, 10.0), b=si.Uniform(1.0, 11.0), c=si.Uniform(0.0, 10.0))
+    centre = np.array([0.0, 1.0, 5.0])
+    density = LogDensity(
+        lambda x: -20.0 * np.abs(x - centre).sum(axis=1),
+        "abc",
+        lambda n, rng: centre + rng.random((n, 3)),
+        {name: marginal.support for name, marginal in space.marginals.items()},
+    )
+    density.space = space
+    warnings = si.sample(density, si.AIES(walkers=12, ensembles=2, steps=400), seed=1).verdict().warnings
+    assert [w for w in warnings if "of a sits on the lower bound" in w and "show nothing of it" in w]
+    assert [w for w in warnings if "of b sits on the lower bound" in w and w.endswith("would go further")]
+    assert len(warnings) == 2  # and nothing of far tails

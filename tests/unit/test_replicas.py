@@ -84,7 +84,9 @@ def test_verdicts_of_made_up_ranks():
         places = draws * scale + centre[:, None] + shift
         return Ranks(("a",), ("",), truth, places, (places < 0).sum(axis=1), 50)
 
-    assert ranks(0.0, 1.0).uniform
+    assert ranks(0.0, 1.0).uniform and "So few" not in ranks(0.0, 1.0).verdict
+    few = Ranks(("a",), ("",), truth[:20], draws[:20], np.arange(20)[:, None] * 5 // 2, 50)
+    assert few.uniform and "So few replicas" in few.verdict and "±13%" in few.verdict
     assert "too narrow" in ranks(0.0, 0.3).verdict
     assert "too wide" in ranks(0.0, 4.0).verdict
     assert not ranks(1.0, 1.0).uniform

@@ -146,6 +146,34 @@ def test_everything_wrong_is_said_at_once(tmp_path):
     assert len(error.value.problems) == 5  # two keys of two records, one of the sampler, two masses
 
 
+def test_mistakes_of_several_parts_are_told_together(tmp_path):
+    """What needs no other part to be seen: a prior, the sampler, a calibration's budget."""
+    text = SMALL.replace("low = 4.27", "low = 12").replace("[sampler]", "[calibration]\ntrue_runs = 100\n[sampler]")
+    (tmp_path / "wrong.toml").write_text(text.replace("walkers = 12", "walkers = 12\nparticles = 5"))
+    told = structid("check", "wrong.toml", cwd=tmp_path)
+    assert told.returncode == 2 and len(told.stderr.strip().splitlines()) == 3
+    for words in ("parameters.stiffness", "sampler.particles", "calibrate(true_runs)"):
+        assert words in told.stderr
+
+
+def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):
+    record = load_small(tmp_path)
+    text = re.sub(r"\[observation.virtual\].*?\[discrepancy\]", "[discrepancy]", SMALL, flags=re.S)
+    text = text.replace('channels = ["velocity"]', 'channels = ["velocity"]\nfile = "v.csv"\nunit = "UNIT"')
+    np.savetxt(tmp_path / "v.csv", np.column_stack([record.time, 100.0 * np.sin(20.0 * record.time)]), delimiter=",")
+    (tmp_path / "right.toml").write_text(text.replace("UNIT", "mm/s"))
+    (tmp_path / "wrong.toml").write_text(text.replace("UNIT", "m/s"))
+    right, wrong = (structid("check", f"{n}.toml", cwd=tmp_path).stdout for n in ("right", "wrong"))
+    assert "the measured one 100 mm/s (mainly at 3.2 Hz)." in right and "Are all units right?" not in right
+    assert "the measured one 1e+05 mm/s" in wrong and "Are all units right?" in wrong
+
+
+def test_check_says_what_room_a_calibration_has(tmp_path):
+    (tmp_path / "tight.toml").write_text(cli.template("bouc_wen").replace("true_runs = 500", "true_runs = 340"))
+    told = structid("check", "tight.toml", cwd=tmp_path).stdout
+    assert "room for 1 x 40 more" in told and "calibration.true_runs = 460" in told
+
+
 def test_a_measured_file_of_another_length_or_step(tmp_path):
     record = load_small(tmp_path)
     time = record.time

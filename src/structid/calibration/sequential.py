@@ -97,6 +97,11 @@ class Plan:
         """Points of a certificate."""
         return self.certificate + self.tempered
 
+    @property
+    def rounds(self) -> int:
+        """Most rounds between the first design and the last certificate."""
+        return (self.true_runs - self.start - self.needed) // self.batch
+
     def describe(self) -> dict[str, Any]:
         """What decides the points: all but how many there may be.
 

@@ -33,6 +33,8 @@ from structid.models.external import Outcome
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
 
+STUDY_STORES = ("runs.h5", "calibration/true_runs.h5")
+"""Where a study's folder has its true runs: of a campaign, or of a calibration."""
 SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 
@@ -338,7 +340,8 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
     """
     path = Path(path)
     if path.is_dir():
-        path = path / "runs.h5"
+        stores = [path / name for name in STUDY_STORES]
+        path = next((s for s in stores if s.exists() or parts_of(s).exists()), stores[0])
     if not path.exists() and not parts_of(path).exists():
         raise InputError(
             f"{path}", "there is no such store", "a file that a Campaign has made, or the folder of a study with one"

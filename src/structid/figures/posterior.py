@@ -29,6 +29,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+MOST_BARS = 400
+"""Walkers beyond which their rates are counted, not drawn one by one."""
+SLIVER = 0.01
+"""Share of the prior's range below which a posterior is too thin to be seen in it, and is marked by a line."""
+
+
 def _label(name: str, unit: str) -> str:
     return label(pretty(name), pretty_unit(unit))
 
@@ -96,6 +102,8 @@ def marginals(
         twin = wide.twinx()
         twin.fill_between(span, density(draws, span, low, high), color=MODEL, alpha=0.7, lw=0)
         twin.set_ylim(bottom=0.0)
+        if d_high - d_low < SLIVER * (span[-1] - span[0]):
+            wide.axvline(draws.mean(), color=MODEL, lw=1.8)
         for axis in (wide, twin):
             axis.set_yticks([])
             axis.grid(False)
@@ -241,7 +249,7 @@ def traces(
 
 @styled
 def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the acceptance rate of every walker.
+    """Draw the acceptance rate of every walker, or of very many how they are distributed.
 
     Parameters
     ----------
@@ -259,6 +267,13 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
     """
     figure, axes = canvas(1, 1, height=1.9)
     axis = axes[0, 0]
+    if rates.size > MOST_BARS:
+        axis.hist(list(rates), bins=40, stacked=True, color=[CYCLE[e % len(CYCLE)] for e in range(len(rates))])
+        axis.axvline(np.median(rates), color="k", lw=0.8, ls=":")
+        axis.set_xlim(0.0, None)
+        axis.set_xlabel("acceptance rate")
+        axis.set_ylabel("walkers")
+        return finish(figure, title, save)
     walkers = rates.shape[1]
     for e, row in enumerate(rates):
         edges = np.arange(walkers + 1) + e * walkers - 0.5

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled, wide_top
+from structid.figures.style import ACCENT, MODEL, canvas, finish, name_axes, styled, wide_top
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -62,7 +62,8 @@ def record(
     name_axes(left, ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
     right_panel.semilogx(period, pseudo_acceleration, color=ACCENT)
     right_panel.set_ylim(bottom=0.0)
-    name_axes(right_panel, ("period", "s"), ("pseudo-acc., ζ = 5 %", "m/s²"))
+    right_panel.set_title("response spectrum, ζ = 5 %", loc="left")
+    name_axes(right_panel, ("period", "s"), ("pseudo-acceleration", "m/s²"))
     return finish(figure, title, save)
 
 
@@ -104,14 +105,15 @@ def filter_tuning(
     figure, axes = canvas(3, 1, height=1.9)
     peak = time[int(np.argmax(np.abs(raw)))]
     for axis, span in ((axes[0, 0], (time[0], time[-1])), (axes[1, 0], (max(peak - 1.0, 0.0), peak + 1.0))):
-        axis.plot(time, raw, color=MUTED, lw=1.2, label="before")
-        axis.plot(filtered_time, filtered, color=MODEL, lw=0.8, label="after")
+        axis.plot(time, raw, color=ACCENT, lw=1.0, label="before")
+        # Dashed: where the filter changes little, "before" is seen through it.
+        axis.plot(filtered_time, filtered, color=MODEL, lw=1.0, ls=(0, (3, 2)), label="after")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), ("acceleration", "m/s²"))
     axes[0, 0].legend(ncol=2, loc="upper right")
     low = axes[2, 0]
-    low.loglog(raw_frequency[1:], raw_amplitude[1:], color=MUTED, lw=1.2)
-    low.loglog(filtered_frequency[1:], np.maximum(filtered_amplitude[1:], 1e-300), color=MODEL, lw=0.8)
+    low.loglog(raw_frequency[1:], raw_amplitude[1:], color=ACCENT, lw=1.4)
+    low.loglog(filtered_frequency[1:], np.maximum(filtered_amplitude[1:], 1e-300), color=MODEL, lw=0.6)
     _log_limits(low, raw_frequency[1:], raw_amplitude[1:])
     name_axes(low, ("frequency", "Hz"), ("Fourier amplitude", "m/s"))
     return finish(figure, title, save)

@@ -17,12 +17,14 @@ from structid.figures.style import (
     canvas,
     finish,
     name_axes,
+    plain_ticks,
     pretty,
     pretty_unit,
     styled,
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -122,7 +124,9 @@ def bands(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a measured history against the prediction's bands, whole and around its peak.
+    """Draw a measured history against the prediction's bands: whole, around its peak, and less the prediction itself.
+
+    Bands of a good fit are thinner than the line of the whole history; the last panel is where they can be read.
 
     Parameters
     ----------
@@ -144,28 +148,34 @@ def bands(
     Returns
     -------
     Figure
-        Two panels.
+        Three panels.
     """
-    figure, axes = canvas(2, 1, height=2.2)
+    figure, axes = canvas(3, 1, height=2.0)
     reference = best if measured is None else measured
     peak = time[int(np.argmax(np.abs(reference)))]
     half = min(0.06 * time[-1], 2.0)
-    for axis, span in (
-        (axes[0, 0], (time[0], time[-1])),
-        (axes[1, 0], (max(peak - half, 0.0), min(peak + half, time[-1]))),
-    ):
+    whole, close = (time[0], time[-1]), (max(peak - half, 0.0), min(peak + half, time[-1]))
+    for axis, span, base in zip(axes[:, 0], (whole, close, whole), (0.0, 0.0, best), strict=True):
         if outer is not None:
-            axis.fill_between(time, *outer, color=MODEL, alpha=0.18, lw=0, label="90 % with discrepancy")
-        axis.fill_between(time, *inner, color=MODEL, alpha=0.55, lw=0, label="90 % of the model's response")
-        axis.plot(time, best, color=MODEL, lw=0.9, label="MAP")
+            _band(axis, time, (outer[0] - base, outer[1] - base), 0.18, "90 % with discrepancy")
+        _band(axis, time, (inner[0] - base, inner[1] - base), 0.55, "90 % of the model's response")
         if measured is not None:
-            axis.plot(time, measured, color=MEASURED, lw=0.8, label="measured")
+            axis.plot(
+                time, measured - base, color=MEASURED, lw=0.8 if axis is not axes[2, 0] else 0.4, label="measured"
+            )
+        # Dashed above the measurement: in a good fit the two are one line.
+        axis.plot(time, best - base, color=MODEL, lw=0.9, ls="-" if measured is None else (0, (4, 3)), label="MAP")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), (pretty(name), pretty_unit(unit)))
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncol=4)
     axes[1, 0].set_title("around the peak", loc="left")
+    axes[2, 0].set_title("less the prediction at the MAP estimate", loc="left")
     return finish(figure, title, save)
+
+
+def _band(axis: Axes, time: np.ndarray, edges: tuple[np.ndarray, np.ndarray], strength: float, what: str) -> None:
+    axis.fill_between(time, *edges, color=MODEL, alpha=strength, lw=0, label=what)
 
 
 @styled
@@ -295,43 +305,42 @@ def identified(
     Returns
     -------
     Figure
-        Four panels.
+        Four panels; two where no force was measured.
     """
-    figure, axes = canvas(2, 2, height=2.6)
-    panel_measured, panel_identified, panel_both, panel_history = axes.ravel()
-    if measured_loop is None:
-        panel_measured.text(
-            0.5, 0.5, "no force was measured", transform=panel_measured.transAxes, ha="center", color=MUTED
-        )
-    else:
-        for axis in (panel_measured, panel_both):
+    figure, axes = canvas(*((1, 2) if measured_loop is None else (2, 2)), height=2.6)
+    panels = axes.ravel()
+    heads: tuple[str, ...] = ("identified", "histories around the peak")
+    if measured_loop is not None:
+        heads = ("measured", "identified", "superposed", "histories around the peak")
+        for axis in panels[[0, 2]]:
             axis.plot(*measured_loop, color=MEASURED, lw=0.7)
-    for i, ((method, loop), colour) in enumerate(zip(loops_of.items(), CYCLE, strict=False)):
-        for axis in (panel_identified, panel_both):
-            # The first is drawn thicker, so that methods that agree are all seen.
-            axis.plot(*loop, color=colour, lw=1.6 if i == 0 and len(loops_of) > 1 else 0.6, label=method)
+    for axis in panels[:1] if measured_loop is None else panels[1:3]:
+        _identified_loops(axis, loops_of)
+    panel_history = panels[-1]
     panel_history.plot(time, measured, color=MEASURED, lw=1.0, label="measured")
     for (method, values), colour in zip(predictions.items(), CYCLE, strict=False):
-        panel_history.plot(time, values, color=colour, lw=0.8, ls="--", label=method)
+        panel_history.plot(time, values, color=colour, lw=0.8, ls="--", label=method.replace("_", " "))
     peak = time[int(np.argmax(np.abs(measured)))]
     panel_history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
     low, high = panel_history.get_ylim()
     panel_history.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
     panel_history.legend(loc="upper right", ncol=3, columnspacing=0.8, handlelength=1.2, fontsize=7)
-    panel_identified.legend(loc="upper left")
-    for axis, head in zip(
-        axes.ravel(), ("measured", "identified", "superposed", "histories around the peak"), strict=True
-    ):
+    panels[0 if measured_loop is None else 1].legend(loc="upper left")
+    for axis, head in zip(panels, heads, strict=True):
         axis.set_title(head, loc="left")
-    for axis in (panel_measured, panel_identified, panel_both):
+    for axis in panels[:-1]:
         name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
-    panel_identified.sharex(panel_both)
-    panel_identified.sharey(panel_both)
-    if measured_loop is not None:
-        panel_measured.sharex(panel_both)
-        panel_measured.sharey(panel_both)
+        if axis is not panels[0]:
+            axis.sharex(panels[0])
+            axis.sharey(panels[0])
     name_axes(panel_history, ("time", "s"), (pretty(name), pretty_unit(unit)))
     return finish(figure, title, save)
+
+
+def _identified_loops(axis: Axes, loops_of: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
+    for i, ((method, loop), colour) in enumerate(zip(loops_of.items(), CYCLE, strict=False)):
+        # The first is drawn thicker, so that methods that agree are all seen.
+        axis.plot(*loop, color=colour, lw=1.6 if i == 0 and len(loops_of) > 1 else 0.6, label=method.replace("_", " "))
 
 
 @styled
@@ -387,7 +396,7 @@ def side_by_side(
     unit: str,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what several model classes predict of one measured history, around its peak.
+    """Draw what several model classes predict of one measured history: around its peak, and what they leave of it.
 
     Parameters
     ----------
@@ -407,18 +416,23 @@ def side_by_side(
     Returns
     -------
     Figure
-        A panel a class.
+        Two panels a class.
     """
-    figure, axes = canvas(len(classes), 1, height=1.9, sharex=True, sharey=True)
+    figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     peak = time[int(np.argmax(np.abs(measured)))]
     half = min(0.1 * time[-1], 4.0)
-    for axis, one, response, shown in zip(axes[:, 0], classes, inner, outer, strict=True):
-        axis.fill_between(time, *shown, color=MODEL, alpha=0.2, lw=0, label="90 % with discrepancy")
-        axis.fill_between(time, *response, color=MODEL, alpha=0.6, lw=0, label="90 % of the model's response")
-        axis.plot(time, measured, color=MEASURED, lw=0.9, label="measured")
-        axis.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))
-        axis.set_title(one, loc="left")
-        name_axes(axis, ("time", "s") if axis is axes[-1, 0] else ("", ""), (pretty(name), pretty_unit(unit)))
+    for (close, left), one, response, shown in zip(axes, classes, inner, outer, strict=True):
+        middle = 0.5 * (response[0] + response[1])
+        for axis, base in ((close, 0.0), (left, middle)):
+            _band(axis, time, (shown[0] - base, shown[1] - base), 0.2, "90 % with discrepancy")
+            _band(axis, time, (response[0] - base, response[1] - base), 0.6, "90 % of the model's response")
+            axis.plot(time, measured - base, color=MEASURED, lw=0.9 if axis is close else 0.4, label="measured")
+            last = close is axes[-1, 0]
+            name_axes(axis, ("time", "s") if last else ("", ""), (pretty(name), pretty_unit(unit)))
+        close.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))
+        left.set_xlim(time[0], time[-1])
+        close.set_title(one, loc="left")
+        left.set_title("less the middle of its band", loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncol=3)
     return finish(figure, save=save)
@@ -465,6 +479,7 @@ def residuals(
     name_axes(left, ("lag", "s"), ("", ""))
     middle.axhline(1.0, color=MUTED, lw=1.2)
     middle.loglog(frequency, spectrum, color=ACCENT, lw=0.9)
+    plain_ticks(middle.yaxis)
     middle.set_title("power over that of white noise", loc="left")
     name_axes(middle, ("frequency", "Hz"), ("", ""))
     ordered = np.sort(values)

@@ -14,6 +14,7 @@ from structid.units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.figure import Figure
 
 Drawing = TypeVar("Drawing", bound=Callable[..., Any])
@@ -216,6 +217,23 @@ def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
     """
     axis.set_xlabel(label(*x))
     axis.set_ylabel(label(*y))
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis with plain numbers at 1, 2 and 5, also where it spans less than a decade.
+
+    Parameters
+    ----------
+    axis : Axis
+        An x or y axis.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    low, high = axis.get_view_interval()
+    within_two_decades = high < 100 * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if within_two_decades else (1.0,)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def pretty(name: str) -> str:

@@ -240,7 +240,7 @@ class Comparison:
                     str(one.parameters),
                     "–" if one.evidence is None else f"{one.evidence.value:.2f} ± {one.evidence.error:.2f}",
                     "–" if first or np.isnan(factor) else f"{factor:.2f} ± {factor_error:.2f}",
-                    "–" if np.isnan(probability) else f"{probability:.3g}",
+                    _probability(probability),
                     f"{one.left_out.value:.1f} ± {one.left_out.error:.1f}{flawed}",
                     "–" if first else f"{less:.1f} ± {less_error:.1f}",
                     f"{100 * one.unexplained:.2g} %",
@@ -250,18 +250,34 @@ class Comparison:
         return heads, rows
 
     def side_by_side(self) -> tuple[list[str], list[list[str]]]:
-        """Give the same with a column for each class.
+        """Give the same with a column for each class, and what each row is in full.
 
         Returns
         -------
         tuple of list
             Heads and rows.
         """
-        heads, rows = self.rows()
-        return ["", *(row[0] for row in rows)], [[heads[i], *(row[i] for row in rows)] for i in range(1, len(heads))]
+        _, rows = self.rows()
+        told = [
+            "parameters, those of the discrepancy included",
+            "log evidence [nat]",
+            "log Bayes factor against the best [nat]",
+            "probability among these classes",
+            "log density of the stretches left out, all together [nat]",
+            "the same, less that of the best class [nat]",
+            "variance that the best prediction leaves unexplained",
+            "measured values inside the 90 % band",
+        ]
+        return ["", *(row[0] for row in rows)], [[t, *(row[i] for row in rows)] for i, t in enumerate(told, start=1)]
 
     def __str__(self) -> str:
         return "\n".join([self.verdict, *aligned(*self.rows())])
+
+
+def _probability(value: float) -> str:
+    if np.isnan(value):
+        return "–"
+    return "> 0.999" if value > 0.999 else "< 0.001" if value < 0.001 else f"{value:.3f}"
 
 
 def aligned(heads: list[str], rows: list[list[str]]) -> list[str]:

@@ -246,6 +246,8 @@ class Verdict:
         Fraction of the measurement's variance left by the best prediction, NaN where there is no measurement.
     kept_steps : int
         Steps kept after the start was dropped.
+    needed_length : float
+        How many autocorrelation times of them the sampler needs: many of a chain, few of a large population.
     """
 
     converged: bool
@@ -257,6 +259,7 @@ class Verdict:
     failed_simulations: int
     unexplained: float
     kept_steps: int
+    needed_length: float
 
     def __str__(self) -> str:
         head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"

@@ -33,6 +33,8 @@ EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correl
 """A population for each replica; the replicas are tempered side by side."""
 LEVEL = 0.01
 """Probability with which right ranks would be called wrong."""
+ENOUGH_REPLICAS = 100
+"""Fewer replicas see gross mistakes alone."""
 FEWEST_REPLICAS = 20
 """Fewer replicas tell nothing of a distribution."""
 
@@ -121,9 +123,13 @@ class Ranks:
         count, worst = len(self.truth), int(np.argmin(self.p_values))
         p, name = self.p_values[worst], self.names[worst]
         if self.uniform:
-            return (
+            told = (
                 f"Calibrated: the ranks of the truth are uniform in {count} replicas (smallest p = {p:.2g}, of {name})."
             )
+            if count < ENOUGH_REPLICAS:
+                unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
+                told += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
+            return told
         # Too sure: the truth is often outside of all draws; too careful: it is hardly ever.
         half = self.coverage(0.5)[worst]
         how = "too narrow" if half < 0.42 else "too wide" if half > 0.58 else "shifted or of another shape"

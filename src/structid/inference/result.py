@@ -297,6 +297,7 @@ class SamplingResult:
             failed_simulations=self.failed_simulations,
             unexplained=unexplained,
             kept_steps=len(accepted),
+            needed_length=self.sampler.needed_length,
         )
 
     def verdict(self) -> Verdict:
@@ -333,7 +334,7 @@ class SamplingResult:
         if outside > 0:
             found.append(
                 f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
-                "widen its design, or do more true runs there"
+                + ("more true runs go there" if self._judged else "widen its design, or do more true runs there")
             )
         if self.divergent:
             found.append(
@@ -367,11 +368,19 @@ class SamplingResult:
         return found
 
     def _surrogate_matters(self, unexplained: float) -> bool:
-        """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
-        if not isinstance(self.target, Posterior) or self.target.model.certified:
+        """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
+
+        A certificate says it better.
+        """
+        if not isinstance(self.target, Posterior) or self._judged:
             return False
         samples = sum(len(o.values) for o in self.target.observations)
         return 0.5 * samples * self.target.model.relative_error > SURROGATE_NATS * unexplained
+
+    @property
+    def _judged(self) -> bool:
+        """Whether a certificate has judged the surrogate that was sampled."""
+        return isinstance(self.target, Posterior) and self.target.model.certified is not None
 
     def _outside(self) -> float:
         """Share of the draws that lie outside the range of the model, if it has one."""
@@ -387,17 +396,23 @@ class SamplingResult:
             return []
         found = []
         for i, (name, marginal) in enumerate(space.marginals.items()):
-            draws = self.flat[:, i]
+            draws, on_bound = self.flat[:, i], False
             strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
             for side, bound in zip(("lower", "upper"), marginal.support, strict=True):
                 mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
                 # A small error variance is a good fit, not a bound that binds.
                 if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
-                    found.append(
-                        f"the posterior of {name} sits on the {side} bound of its prior: the data would go further"
+                    on_bound = True
+                    # Zero is mostly what physics allows, and a good answer.
+                    at_zero = side == "lower" and bound == 0.0
+                    further = (
+                        "the data show nothing of it, or would go below zero"
+                        if at_zero
+                        else "the data would go further"
                     )
+                    found.append(f"the posterior of {name} sits on the {side} bound of its prior: {further}")
             p = float(marginal.cdf(np.median(draws)))
-            if min(p, 1.0 - p) < TAIL_PROBABILITY and not name.startswith("sigma2"):
+            if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
                 found.append(
                     f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
                 )

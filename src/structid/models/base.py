@@ -33,8 +33,8 @@ class Model(ABC):
     free: tuple[str, ...]
     channels: tuple[str, ...]
 
-    certified: bool = False
-    """Whether runs of the model it stands for have shown that its posterior is theirs; for surrogates."""
+    certified: bool | None = None
+    """Whether runs of the model it stands for have shown that its posterior is theirs; for surrogates. None: nobody has asked."""
 
     def simulate(
         self,

@@ -81,7 +81,8 @@ class OptimizeResult:
         """Table of the minima in display units."""
         heads = [label(n, self.units.get(n, "")) for n in self.names]
         lines = [
-            f"{self.method}: {len(self.values)} starts, {self.evaluations} evaluations, {len(self.minima)} distinct minima",
+            f"{self.method}: {len(self.values)} starts, {self.evaluations} evaluations of the misfit, {len(self.minima)} distinct "
+            "minima",
             "  ".join(
                 [
                     "objective/scale".rjust(16),

@@ -10,6 +10,7 @@ import numpy as np
 
 from structid.calibration.result import CalibrationResult
 from structid.figures.style import pretty, pretty_unit
+from structid.inference.diagnostics import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
 from structid.report.content import ReportContent
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate
@@ -100,7 +101,14 @@ def convergence_table(content: ReportContent) -> Table:
         Heads and rows.
     """
     verdict = content.result.verdict()
-    heads = ["parameter", "R-hat", "ESS bulk", "ESS tail", "τ [steps]", "kept steps / τ"]
+    heads = [
+        "parameter",
+        f"R-hat (below {R_HAT_LIMIT})",
+        f"ESS bulk ({EFFECTIVE_SIZE_LIMIT} or more)",
+        "ESS tail (the same)",
+        "τ [steps]",
+        f"kept steps / τ ({verdict.needed_length:g} or more)",
+    ]
     rows = [
         [
             pretty(name),

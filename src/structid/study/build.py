@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ from structid.study.schema import (
     PriorSection,
     RecordSection,
     SamplerSection,
+    StudyErrors,
     StudyFile,
     VirtualSection,
 )
@@ -215,8 +217,42 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     Raises
     ------
     InputError
-        If its parts do not fit together.
+        If its parts do not fit together; `StudyErrors` if several are wrong by themselves.
     """
+    try:
+        return _built(file, folder, solver_folder)
+    except InputError as first:
+        # Each mistake that needs no other part to be seen is told with it, so that one correction does not lead to the next.
+        told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder)]))
+        if len(told) == 1:
+            raise
+        raise StudyErrors(file.name, told) from None
+
+
+def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
+    """What is wrong with records, priors, discrepancy, sampler and plan, each by itself."""
+    records = {
+        "record": file.record,
+        **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
+        **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records)},
+    }
+    parts: list[Callable[[], object]] = [
+        *(partial(load_record, section, folder, where) for where, section in records.items()),
+        *(partial(_prior_of, file, name) for name in file.parameters),
+        partial(_discrepancy, file, tuple(dict.fromkeys(c for o in file.observation for c in o.channels))),
+        partial(_sampler, file.sampler),
+        partial(_plan, file.calibration),
+    ]
+    told = []
+    for part in parts:
+        try:
+            part()
+        except InputError as error:
+            told.append(str(error))
+    return told
+
+
+def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltStudy:
     raw = _read_record(file.record, folder, "record")
     record = _process(raw, file.record, "record")
     if file.record.trim is not None:
@@ -459,11 +495,13 @@ def _prior(section: PriorSection, where: str, si_unit: str | None) -> Marginal:
         raise InputError(f"key '{where}': {error.where}", error.came, error.allowed, error.cure) from None
 
 
+def _prior_of(file: StudyFile, name: str) -> Marginal:
+    base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
+    return _prior(file.parameters[name], f"parameters.{name}", _parameter_unit(base, file))
+
+
 def _space(file: StudyFile) -> ParameterSpace:
-    priors = {}
-    for name, section in file.parameters.items():
-        base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
-        priors[name] = _prior(section, f"parameters.{name}", _parameter_unit(base, file))
+    priors = {name: _prior_of(file, name) for name in file.parameters}
     correlation = {}
     for pair, value in file.correlation.items():
         names = [n.strip() for n in pair.split(",")]

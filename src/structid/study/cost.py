@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structid.calibration.sequential import Plan
 from structid.errors import InputError, Status
 from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.models.base import JaxModel
 from structid.study.build import BuiltStudy
 
+USUAL_ROUNDS = 4
+"""Rounds that a calibration of the benchmark study takes."""
 SLOW = 20.0
 """Seconds of a batch, beyond which it is timed once."""
 
@@ -28,12 +31,18 @@ class Cost:
         Runs done together; 1 for an external model.
     seconds_per_run : float
         Time of one run.
+    through_a_surrogate : bool
+        Whether a surrogate is fitted to the campaign and sampled, at a price that no timing of the model tells.
+    plan : Plan or None
+        How the campaign's runs are spent on a certified calibration.
     """
 
     true_runs: int
     sampling_runs: int
     batch: int
     seconds_per_run: float
+    through_a_surrogate: bool = False
+    plan: Plan | None = None
 
     def __str__(self) -> str:
         together = f"in batches of {self.batch}, " if self.batch > 1 else "one after another, "
@@ -44,11 +53,27 @@ class Cost:
                 lines.append(
                     f"{what}: {runs:,} model runs {together}{each:.3g} ms a run: about {total} on this machine"
                 )
+        if self.plan is not None:
+            lines.append(_rounds(self.plan))
+        if self.through_a_surrogate:
+            lines.append("Fitting and sampling the surrogate come on top: half a minute to a few minutes.")
         if self.batch == 1:
             lines.append(
                 "With --executor the runs of an external model are shared out: divide by the number of workers."
             )
         return "\n".join(lines)
+
+
+def _rounds(plan: Plan) -> str:
+    """Say how a plan spends its runs, and whether that leaves room to improve the surrogate."""
+    told = (
+        f"Of them {plan.start} make the first surrogate and {plan.needed} the certificate; between them there is room for "
+        f"{plan.rounds} x {plan.batch} more."
+    )
+    if plan.rounds < USUAL_ROUNDS:
+        enough = plan.start + USUAL_ROUNDS * plan.batch + plan.needed
+        told += f" A surrogate mostly takes {USUAL_ROUNDS} to be good enough: calibration.true_runs = {enough} has room for them."
+    return told
 
 
 def duration(seconds: float) -> str:
@@ -81,7 +106,7 @@ def estimate(study: BuiltStudy) -> Cost:
     Returns
     -------
     Cost
-        What sampling will take.
+        What true runs and sampling will take.
     """
     true_runs = 0 if study.campaign is None else len(study.campaign)
     if study.plan is not None:
@@ -100,7 +125,7 @@ def estimate(study: BuiltStudy) -> Cost:
         each = _median_time(study, batch, repeats=6)[1:]
     else:
         batch, each = 1, _median_time(study, 1, repeats=4)[1:]  # the first starts a process
-    return Cost(true_runs, sampling_runs, batch, float(np.median(each)))
+    return Cost(true_runs, sampling_runs, batch, float(np.median(each)), study.has_surrogate, study.plan)
 
 
 def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:

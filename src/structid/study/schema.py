@@ -293,9 +293,9 @@ class CalibrationSection(Section):
     """True runs where the posterior is, until a certificate holds; see `calibrate`."""
 
     true_runs: int = 500
-    start: int = 60
-    batch: int = 40
-    certificate: int = 200
+    start: int = Field(default=60, ge=10)
+    batch: int = Field(default=40, ge=5)
+    certificate: int = Field(default=200, ge=50)
 
 
 class SurrogateSection(Section):
