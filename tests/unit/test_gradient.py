@@ -15,7 +15,7 @@ COVARIANCE = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
 
 
 def gaussian():
-    import jax.numpy as jnp
+    from structid.device import jnp  # in double precision from the first array on
 
     precision = jnp.asarray(np.linalg.inv(COVARIANCE))
     space = si.ParameterSpace(**{n: si.Normal(0.0, 5.0) for n in NAMES})

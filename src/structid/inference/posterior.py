@@ -472,37 +472,36 @@ class Posterior(Target):
         return self.discrepancy.log_likelihood(residual, unknown, observation.channels, observation.record.dt)
 
     def _log_likelihood(self, theta: Any, data: Any) -> tuple[Any, Any]:
-        """Log-likelihood and success of every run; `data` holds stages and values of each observation."""
+        """Log-likelihood and success of every run; `data` holds stages, values and reduction of each observation."""
         from structid.device import jnp
 
         assert isinstance(self.model, JaxModel)
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
         parameters = self.model_parameters(theta)
-        for index, (stages, values) in enumerate(data):
+        for index, (stages, values, reduction) in enumerate(data):
             if self.model_error:
-                more, good = self._with_model_error(theta, parameters, stages, values, index)
-                total, finite = total + more, finite & good
-                continue
-            short = self._by_squares(theta, parameters, values, index)
-            if short is not None:
-                total, finite = total + short[0], finite & short[1]
-                continue
-            response, good = self.model.response(parameters, self.observations[index].record, stages)
-            total = total + self.likelihood_given(response, theta, values[:, :, None], index)
-            finite = finite & good
+                more, good = self._with_model_error(theta, parameters, stages, values, reduction, index)
+            elif reduction is not None and self._needs_only_squares(index):
+                more, good = self._by_squares(theta, parameters, reduction, index)
+            else:
+                response, good = self.model.response(parameters, self.observations[index].record, stages)
+                more = self.likelihood_given(response, theta, values[:, :, None], index)
+            total, finite = total + more, finite & good
         finite = finite & jnp.isfinite(total)
         return total, finite
 
-    def _with_model_error(self, theta: Any, parameters: Any, stages: Any, values: Any, index: int) -> tuple[Any, Any]:
+    def _with_model_error(
+        self, theta: Any, parameters: Any, stages: Any, values: Any, reduction: Any, index: int
+    ) -> tuple[Any, Any]:
         """Log-likelihood with the model's own variance added to that of the discrepancy."""
         from structid.device import jnp
 
         assert isinstance(self.model, JaxModel)
         observation, unknown, law = self.observations[index], self.unknowns(theta, index), self.discrepancy
         record, channels = observation.record, observation.channels
-        if isinstance(law, IID) and not observation.nuisances():
+        if isinstance(law, IID) and not observation.nuisances() and reduction is not None:
             variance = law.variances(unknown, channels, theta.shape[0], jnp)
-            exact = self.model.marginal_log_likelihood(parameters, record, values, channels, variance)
+            exact = self.model.marginal_log_likelihood(parameters, record, reduction, variance)
             if exact is not None:
                 return exact
         response, good = self.model.response(parameters, record, stages)
@@ -511,16 +510,15 @@ class Posterior(Target):
         residual = values[:, :, None] - self.instrument(response, theta, index)
         return law.log_likelihood(residual, unknown, channels, record.dt, white), good
 
-    def _by_squares(self, theta: Any, parameters: Any, values: Any, index: int) -> tuple[Any, Any] | None:
-        """Log-likelihood by the sum of squares alone, where discrepancy and instrument ask for no more and the model can."""
+    def _needs_only_squares(self, index: int) -> bool:
+        """Whether discrepancy and instrument of an observation ask for no more than a sum of squares."""
+        return self.discrepancy.sees_only_squares and not self.observations[index].nuisances()
+
+    def _by_squares(self, theta: Any, parameters: Any, reduction: Any, index: int) -> tuple[Any, Any]:
+        """Log-likelihood by the sum of squares alone, of a model that has a shorter way to it than the response."""
         observation = self.observations[index]
-        if not self.discrepancy.sees_only_squares or observation.nuisances():
-            return None
         assert isinstance(self.model, JaxModel)
-        found = self.model.squared_misfit(parameters, observation.record, values, observation.channels)
-        if found is None:
-            return None
-        squares, finite = found
+        squares, finite = self.model.squared_misfit(parameters, observation.record, reduction)
         unknown, samples = self.unknowns(theta, index), len(observation.values)
         return self.discrepancy.log_likelihood_of_squares(squares, samples, unknown, observation.channels), finite
 
@@ -534,10 +532,17 @@ class Posterior(Target):
         return density, jnp.where(finite & inside, likelihood, -jnp.inf), inside & ~finite
 
     @cached_property
-    def data(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Stages of the record and measured values of each observation, as the density takes them inside JAX."""
-        assert isinstance(self.model, JaxModel)
-        return [(o.record.stage_values(self.model.substeps), o.values) for o in self.observations]
+    def data(self) -> list[tuple[np.ndarray, np.ndarray, Any]]:
+        """Of each observation, as the density takes them inside JAX: stages of the record, measured values, and their reduction.
+
+        The reduction is what a model with a shorter way to a misfit than its response needs of the values; None for others.
+        """
+        model = self.model
+        assert isinstance(model, JaxModel)
+        return [
+            (o.record.stage_values(model.substeps), o.values, model.reduction(o.record, o.values, o.channels))
+            for o in self.observations
+        ]
 
     def _in_coordinates(self, phi: Any, data: Any) -> tuple[Any, Any]:
         theta, jacobian = self.bijection.forward(phi)
@@ -841,21 +846,40 @@ class Misfit:
             return [np.ones(1) for _ in observations]
         return [1.0 / (o.values**2).sum(axis=0) for o in observations]
 
+    def _with_rest(self, theta: Any) -> Any:
+        """All parameters of the posterior, inside JAX: the model's, and the others as they are held."""
+        from structid.device import jnp
+
+        return jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
+
     def _residuals(self, theta: Any, data: Any) -> Any:
         """All weighted residuals of every run, (residual, run)."""
         from structid.device import jnp
 
         p = self._posterior
         assert isinstance(p.model, JaxModel)
-        full = jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
-        parts = []
-        for index, (stages, values) in enumerate(data):
+        full, parts = self._with_rest(theta), []
+        for index, (stages, values, _) in enumerate(data):
             response, _ = p.model.response(p.model_parameters(full), p.observations[index].record, stages)
             residual = (values[:, :, None] - p.instrument(response, full, index)) * np.sqrt(self._weights[index])[
                 :, None
             ]
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
+
+    def _by_squares(self, theta: Any, data: Any) -> Any:
+        """J(θ) of a model that has a shorter way to it than the residuals, shape (run,); None where there is none."""
+        from structid.device import jnp
+
+        p = self._posterior
+        assert isinstance(p.model, JaxModel)
+        if any(reduction is None for *_, reduction in data) or any(o.nuisances() for o in p.observations):
+            return None
+        full, total = self._with_rest(theta), jnp.zeros(theta.shape[0])
+        for (*_, reduction), observation, weights in zip(data, p.observations, self._weights, strict=True):
+            squares, finite = p.model.squared_misfit(p.model_parameters(full), observation.record, reduction)
+            total = total + jnp.where(finite, weights @ squares, jnp.inf)
+        return total
 
     @cached_property
     def _compiled(self) -> dict[str, Callable[..., Any]]:
@@ -864,7 +888,8 @@ class Misfit:
         from structid.device import jnp, over_runs
 
         def value(theta: Any, data: Any) -> Any:
-            return (self._residuals(theta, data) ** 2).sum(axis=0)
+            short = self._by_squares(theta, data)
+            return (self._residuals(theta, data) ** 2).sum(axis=0) if short is None else short
 
         def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
             # Forward mode: few parameters, long histories. One tangent a parameter, all runs at once.

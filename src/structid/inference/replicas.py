@@ -295,7 +295,7 @@ class ReplicatedPosterior(Target):
     @cached_property
     def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
         """Stages of the records, and what each observation shows in every replica (time, channel, replica)."""
-        return [(stages, values) for (stages, _), values in zip(self._posterior.data, self._values, strict=True)]
+        return [(stages, values) for (stages, *_), values in zip(self._posterior.data, self._values, strict=True)]
 
     @cached_property
     def _compiled(self) -> Callable[..., Any]:

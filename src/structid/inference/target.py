@@ -153,7 +153,7 @@ class LogDensity(Target):
     bounds : mapping of str to pair of float, optional
         Support of the bounded parameters: ``{"tau": (0.0, np.inf)}``.
     backend : {"numpy", "jax"}
-        What `function` is written for.
+        What `function` is written for. JAX arrays in it must be float64: begin with ``jax.config.update("jax_enable_x64", True)``.
     """
 
     def __init__(

@@ -285,8 +285,27 @@ class JaxModel(Model):
 
         return jnp.zeros(values.shape[1:])
 
+    def reduction(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> Any:
+        """What a misfit to a measurement needs of it, for a model that has a shorter way to it than the response.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives the model.
+        values : ndarray, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Its channels.
+
+        Returns
+        -------
+        tree of arrays or None
+            For `squared_misfit` and `marginal_log_likelihood`; None where there is no shorter way.
+        """
+        return None
+
     def marginal_log_likelihood(
-        self, theta: Any, excitation: Excitation, values: Any, channels: tuple[str, ...], variance: Any
+        self, theta: Any, excitation: Excitation, reduction: Any, variance: Any
     ) -> tuple[Any, Any] | None:
         """Log density of a measurement with independent errors, the model's own error integrated out, inside JAX.
 
@@ -296,10 +315,8 @@ class JaxModel(Model):
             Parameters in the order of `free`.
         excitation : Excitation
             What drives it.
-        values : jax.Array, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Its channels.
+        reduction : tree of arrays
+            What is needed of the measurement; see `reduction`.
         variance : jax.Array, shape (channel, run)
             Of the independent errors.
 
@@ -310,10 +327,8 @@ class JaxModel(Model):
         """
         return None
 
-    def squared_misfit(
-        self, theta: Any, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]
-    ) -> tuple[Any, Any] | None:
-        """Sum over time of (measured − response)², inside JAX, for a model that has a shorter way to it than the response.
+    def squared_misfit(self, theta: Any, excitation: Excitation, reduction: Any) -> tuple[Any, Any]:
+        """Sum over time of (measured − response)², inside JAX, by a model's shorter way.
 
         Parameters
         ----------
@@ -321,17 +336,15 @@ class JaxModel(Model):
             Parameters in the order of `free`.
         excitation : Excitation
             What drives it.
-        values : ndarray, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Its channels.
+        reduction : tree of arrays
+            What is needed of the measurement; see `reduction`.
 
         Returns
         -------
-        tuple of jax.Array, or None
-            Sums (channel, run) and whether they are finite (run,); None where there is no shorter way.
+        tuple of jax.Array
+            Sums (channel, run) and whether they are finite (run,).
         """
-        return None
+        raise NotImplementedError(f"{type(self).__name__} has no shorter way to a misfit than its response")
 
     def run(
         self,

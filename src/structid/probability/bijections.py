@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from functools import cached_property
 from typing import Any
 
@@ -79,11 +80,9 @@ class Bijection:
         ]
         return np.stack(columns, axis=-1)
 
-    @cached_property
+    @property
     def _compiled_forward(self) -> Any:
-        from structid.device import over_runs
-
-        return over_runs(self.forward, spread=False)
+        return _compiled_forward(tuple(map(tuple, self.bounds.tolist())), tuple(self.scales.tolist()))
 
     def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Map ℝᵈ to the box, on the host.
@@ -102,3 +101,11 @@ class Bijection:
             return phi * self.scales, np.full(len(phi), np.log(self.scales).sum())
         theta, jacobian = self._compiled_forward(phi)
         return theta, jacobian
+
+
+@functools.lru_cache(maxsize=64)
+def _compiled_forward(bounds: tuple[tuple[float, float], ...], scales: tuple[float, ...]) -> Any:
+    """`Bijection.forward`, compiled once for all bijections of the same box: every round of a calibration has one."""
+    from structid.device import over_runs
+
+    return over_runs(Bijection(np.array(bounds), np.array(scales)).forward, spread=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -287,36 +287,38 @@ def principal_components(
     return mean, right[:kept], left[:, :kept] * singular[:kept], np.sqrt(np.mean(rest**2, axis=0))
 
 
-@dataclass(frozen=True, eq=False)
-class _Reduction:
-    """One measured channel in the space of the scores: r = beyond − (c − nearest) Φ.
+class _Reduction(NamedTuple):
+    """Measured channels in the space of the scores, a row each: r = beyond − (c − nearest) Φ.
 
     Parameters
     ----------
-    inner : ndarray, shape (component, component)
+    inner : ndarray, shape (channel, component, component)
         ΦΦᵀ.
-    nearest : array, shape (component,)
+    nearest : ndarray, shape (channel, component)
         Scores nearest to the measurement.
-    squares_beyond, levers_beyond : array
-        ‖beyond‖², and Φ beyond (component,), which is zero but for rounding.
-    left_out : float
+    squares_beyond, levers_beyond : ndarray, shape (channel,) and (channel, component)
+        ‖beyond‖², and Φ beyond, which is zero but for rounding.
+    left_out : ndarray, shape (channel,)
         Variance that the components leave out, averaged over time.
+    samples : int
+        Length of the measurement.
     """
 
-    inner: np.ndarray
+    inner: Any
     nearest: Any
     squares_beyond: Any
     levers_beyond: Any
-    left_out: float
+    left_out: Any
+    samples: Any
 
     def squares(self, scores: Any) -> Any:
-        """‖r‖², shape (run,)."""
-        gap = scores - self.nearest
-        return self.squares_beyond + (gap @ self.inner * gap).sum(axis=1) - 2.0 * gap @ self.levers_beyond
+        """‖r‖², shape (channel, run)."""
+        gap = scores - self.nearest[:, None]
+        return self.squares_beyond[:, None] + ((gap @ self.inner - 2.0 * self.levers_beyond[:, None]) * gap).sum(axis=2)
 
     def projected(self, scores: Any) -> Any:
-        """Φ r, shape (run, component)."""
-        return self.levers_beyond - (scores - self.nearest) @ self.inner
+        """Φ r, shape (channel, run, component)."""
+        return self.levers_beyond[:, None] - (scores - self.nearest[:, None]) @ self.inner
 
 
 class ResponseSpaceSurrogate(Surrogate):
@@ -402,15 +404,11 @@ class ResponseSpaceSurrogate(Surrogate):
         finite = jnp.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
 
-    def squared_misfit(
-        self, theta: Any, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]
-    ) -> tuple[Any, Any] | None:
-        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
+    def reduction(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> _Reduction:
+        """What a misfit needs of a measurement, once the modes have been summed over; see `JaxModel.reduction`.
 
         Parameters
         ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
         excitation : Excitation
             One of the fitted records.
         values : ndarray, shape (time, channel)
@@ -420,18 +418,49 @@ class ResponseSpaceSurrogate(Surrogate):
 
         Returns
         -------
+        tuple of ndarray
+            Products of modes and measurement.
+        """
+        self.check_excitation(excitation)
+        fit = self.records[excitation.content_hash]
+        shape, found = (fit.samples, len(fit.scale)), []
+        for column, channel in enumerate(channels):
+            place = self.channels.index(channel)
+            modes = fit.modes.reshape(-1, *shape)[:, :, place] * fit.scale[place]
+            residual = values[:, column] - fit.mean.reshape(shape)[:, place] * fit.scale[place]
+            # What no combination of modes reaches is left apart, so that a small misfit keeps its digits.
+            inner = modes @ modes.T
+            nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
+            beyond = residual - nearest @ modes
+            left_out = np.mean(fit.truncation.reshape(shape)[:, place] ** 2) * fit.scale[place] ** 2
+            found.append((inner, nearest, beyond @ beyond, modes @ beyond, left_out))
+        inner, nearest, squares_beyond, levers_beyond, left_out = map(np.array, zip(*found, strict=True))
+        return _Reduction(inner, nearest, squares_beyond, levers_beyond, left_out, float(len(values)))
+
+    def squared_misfit(self, theta: Any, excitation: Excitation, reduction: _Reduction) -> tuple[Any, Any]:
+        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            One of the fitted records.
+        reduction : tuple of arrays
+            What is needed of the measurement; see `reduction`.
+
+        Returns
+        -------
         tuple of jax.Array
             Sums (channel, run) and whether they are finite (run,).
         """
         from structid.device import jnp
 
-        self.check_excitation(excitation)
         scores = self.records[excitation.content_hash].scores.predict(self.held_inside(theta))
-        sums = [r.squares(scores) for r in self._reductions(excitation, values, channels)]
-        return jnp.stack(sums), jnp.isfinite(scores).all(axis=1) & self.admitted(theta)
+        return reduction.squares(scores), jnp.isfinite(scores).all(axis=1) & self.admitted(theta)
 
     def marginal_log_likelihood(
-        self, theta: Any, excitation: Excitation, values: Any, channels: tuple[str, ...], variance: Any
+        self, theta: Any, excitation: Excitation, reduction: _Reduction, variance: Any
     ) -> tuple[Any, Any] | None:
         """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
 
@@ -446,10 +475,8 @@ class ResponseSpaceSurrogate(Surrogate):
             Parameters in the order of `free`.
         excitation : Excitation
             One of the fitted records.
-        values : jax.Array, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Its channels.
+        reduction : tuple of arrays
+            What is needed of the measurement; see `reduction`.
         variance : jax.Array, shape (channel, run)
             Of the independent errors; the mean variance that the components leave out is added.
 
@@ -462,16 +489,14 @@ class ResponseSpaceSurrogate(Surrogate):
 
         if len(self.channels) > 1:
             return None
-        self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
         scores, deviation = self._scores_with_deviation(fit, theta)
-        (reduction,) = self._reductions(excitation, values, channels)
-        beyond = variance[0] + reduction.left_out
+        beyond = variance[0] + reduction.left_out[0]
         along = beyond[:, None] + (fit.scale[0] * deviation) ** 2
-        projected = (reduction.projected(scores) / fit.scale[0]) ** 2
-        samples, modes = values.shape[0], scores.shape[1]
-        determinant = (samples - modes) * jnp.log(2.0 * jnp.pi * beyond) + jnp.log(2.0 * jnp.pi * along).sum(axis=1)
-        squares = (reduction.squares(scores) - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
+        projected = (reduction.projected(scores)[0] / fit.scale[0]) ** 2
+        along_log = jnp.log(2.0 * jnp.pi * along).sum(axis=1)
+        determinant = (reduction.samples - scores.shape[1]) * jnp.log(2.0 * jnp.pi * beyond) + along_log
+        squares = (reduction.squares(scores)[0] - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
         density = -0.5 * (determinant + squares)
         return density, jnp.isfinite(density) & self.admitted(theta)
 
@@ -508,22 +533,6 @@ class ResponseSpaceSurrogate(Surrogate):
             return scores, deviation
         scores = fit.scores.predict(inside)
         return scores, jnp.broadcast_to(jnp.asarray(fit.score_deviation), scores.shape)
-
-    def _reductions(self, excitation: Excitation, values: Any, channels: tuple[str, ...]) -> list[_Reduction]:
-        """What a misfit needs of each measured channel, once the modes have been summed over."""
-        fit = self.records[excitation.content_hash]
-        shape, found = (fit.samples, len(fit.scale)), []
-        for column, channel in enumerate(channels):
-            place = self.channels.index(channel)
-            modes = fit.modes.reshape(-1, *shape)[:, :, place] * fit.scale[place]
-            residual = values[:, column] - fit.mean.reshape(shape)[:, place] * fit.scale[place]
-            # What no combination of modes reaches is left apart, so that a small misfit keeps its digits.
-            inner = modes @ modes.T
-            nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
-            beyond = residual - nearest @ modes
-            left_out = float(np.mean(fit.truncation.reshape(shape)[:, place] ** 2)) * fit.scale[place] ** 2
-            found.append(_Reduction(inner, nearest, beyond @ beyond, modes @ beyond, left_out))
-        return found
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.
