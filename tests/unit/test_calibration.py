@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.calibration.batch import far_apart, fresh_draws
+from structid.calibration.batch import beyond_the_runs, far_apart, fresh_draws
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
 
@@ -188,6 +188,17 @@ def test_points_far_apart():
     np.testing.assert_array_equal(far_apart(candidates, np.array([[0.0]]), 2), [2, 3])
     # A weight outweighs distance.
     np.testing.assert_array_equal(far_apart(candidates, np.array([[0.0]]), 1, np.array([1.0, 100.0, 1.0, 1.0])), [1])
+
+
+def test_where_the_posterior_reaches_beyond_the_runs():
+    """A run in each such direction, and none where the runs reach further already."""
+    known = np.array([[0.0, 0.0], [1.0, 1.0]])
+    particles = np.array([[-0.1, 0.2], [0.5, 1.2]])  # beyond them to the left, and upwards
+    candidates = np.array([[0.5, 1.5], [-0.3, 0.4], [1.8, 0.5], [0.6, -0.9]])
+    assert beyond_the_runs(candidates, particles, known).tolist() == [0, 1]
+    assert beyond_the_runs(candidates, 0.5 * particles + 0.1, known).size == 0
+    corner = np.array([[-0.3, 1.5], [0.2, 0.2]])
+    assert beyond_the_runs(corner, particles, known).tolist() == [0]  # one run for both
 
 
 @pytest.mark.parametrize(

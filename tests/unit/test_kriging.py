@@ -97,6 +97,28 @@ def test_the_form_is_chosen_by_leaving_out():
     assert chosen.separable and errors[True] < 0.5 * errors[False]
 
 
+@pytest.mark.parametrize("nugget", [1e-8, "estimate"])
+def test_a_fit_that_begins_with_the_lengths_of_another_ends_where_a_search_does(nugget):
+    """On another design, standardised by other moments: the lengths are carried over in SI."""
+    few, more = SPACE.sample(30, seed=6), SPACE.sample(70, seed=7, widen=1.5)
+    settings = si.Kriging(nugget=nugget, separable=False)
+    told = {"cold": [], "warm": []}
+    cold = settings.fit(more, smooth(more.values), lambda *done: told["cold"].append(done))
+    begun = settings.fit(few, smooth(few.values))
+    warm = settings.fit(more, smooth(more.values), lambda *done: told["warm"].append(done), begun)
+    group = cold.groups[0]
+    data = _Data(group.points, group.trend.evaluate(more.values), smooth(more.values))
+    objective = _Objective(data, group.family, group.separable, nugget, "ml")
+
+    def value(predictor):
+        other = predictor.groups[0]
+        own = [np.log(other.factors.nugget)] * (nugget == "estimate")
+        return objective(np.append(np.log(other.lengths / group.scale), own))[0]
+
+    assert abs(value(warm) - value(cold)) < 0.1 < value(begun) - value(cold)
+    assert told["warm"] == [(1, 1)]  # without a global search
+
+
 def test_outputs_of_their_own_and_together():
     design, other = SPACE.sample(60, seed=7), SPACE.sample(200, seed=8).values
     values = np.column_stack([smooth(design.values), 10 * np.exp(design.values[:, 0])])

@@ -113,21 +113,49 @@ def next_batch(
     Returns
     -------
     Batch
-        `FRESH_SHARE` plain draws; `WIDENED_SHARE` where the surrogate's deviation times the distance to known points is largest,
-        chosen among draws of a wider law than the posterior, for a surrogate is worst at the edge of its runs; the rest from
-        tempered posteriors, as far as possible from what is known.
+        `FRESH_SHARE` plain draws; `WIDENED_SHARE` of a wider law than the posterior, for a surrogate is worst at the edge of its
+        runs: first those that bring the posterior inside the range of the runs, then those where the surrogate's deviation times
+        the distance to known points is largest; the rest from tempered posteriors, as far as possible from what is known.
     """
     fresh, widened = round(FRESH_SHARE * count), round(WIDENED_SHARE * count)
     plain = fresh_draws(posterior, blocks[-1], fresh, rng)
     dimension = posterior.model_space.dimension
     taken = np.concatenate([known, plain.fresh[:, :dimension]])
     candidates = widened_draws(posterior, blocks[-1], CANDIDATES, rng)
+    particles = posterior.bijection(blocks[-1]["phi"][-1].reshape(-1, posterior.dimension))[0]
+    edges = beyond_the_runs(candidates[:, :dimension], particles[:, :dimension], taken)[:widened]
+    taken = np.concatenate([taken, candidates[edges, :dimension]])
     deviation = relative_deviation(posterior, surrogate, candidates)
-    rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), widened, deviation)
-    unsure = candidates[rows, :dimension]
+    rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), widened - len(edges), deviation)
+    unsure = candidates[np.concatenate([edges, rows]), :dimension]
     taken = np.concatenate([taken, unsure])
     tempered = tempered_draws(posterior, blocks, taken, count - fresh - widened, rng)
     return replace(plain, others=np.concatenate([unsure, tempered]))
+
+
+def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
+
+    A surrogate responds there as at the edge and thinks itself as sure as there, so that its deviation does not tell.
+
+    Parameters
+    ----------
+    candidates : ndarray, shape (candidate, parameter)
+        To choose from.
+    particles : ndarray, shape (draw, parameter)
+        Draws of the posterior.
+    known : ndarray, shape (run, parameter)
+        Points of the runs.
+
+    Returns
+    -------
+    ndarray of int, shape (point,)
+        Distinct rows of the candidates: up to two a parameter.
+    """
+    above = particles.max(axis=0) > known.max(axis=0)
+    below = particles.min(axis=0) < known.min(axis=0)
+    rows = np.concatenate([candidates.argmax(axis=0)[above], candidates.argmin(axis=0)[below]])
+    return np.unique(rows).astype(int)
 
 
 def widened_draws(posterior: Posterior, particles: Block, count: int, rng: np.random.Generator) -> np.ndarray:

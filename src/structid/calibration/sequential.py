@@ -30,7 +30,7 @@ from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.narx import PCNARX, KrigingNARX
-from structid.surrogates.response_space import PODKriging
+from structid.surrogates.response_space import PODKriging, ResponseSpaceSurrogate
 from structid.surrogates.storage import load_surrogate
 
 DISCREPANCY_DRAWS = 32
@@ -216,6 +216,7 @@ class _Loop:
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.rounds: list[Round] = []
         self.last: Batch | None = None
+        self.surrogate: ResponseSpaceSurrogate | None = None
 
     @property
     def _identity(self) -> dict[str, Any]:
@@ -292,10 +293,17 @@ class _Loop:
             if path is not None:
                 surrogate.save(path)
         surrogate.trust()  # the certificate judges it
+        if isinstance(surrogate, ResponseSpaceSurrogate):
+            self.surrogate = surrogate
         return surrogate
 
     def _fit(self, runs: Runs, told: Progress) -> Surrogate:
-        """Fit to all runs; a NARX, which interpolates none, to those near the posterior more than to others."""
+        """Fit to all runs; a NARX, which interpolates none, to those near the posterior more than to others.
+
+        A Kriging begins with the lengths of the round before.
+        """
+        if isinstance(self.settings, PODKriging):
+            return self.settings.fit(runs, told, self.surrogate)
         if self.last is None or not isinstance(self.settings, (PCNARX, KrigingNARX)):
             return self.settings.fit(runs, told)
         near = nearness(self._best_densities(self.last, runs)[0])

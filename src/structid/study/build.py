@@ -236,10 +236,11 @@ def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
         **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
         **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records)},
     }
+    channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
     parts: list[Callable[[], object]] = [
         *(partial(load_record, section, folder, where) for where, section in records.items()),
         *(partial(_prior_of, file, name) for name in file.parameters),
-        partial(_discrepancy, file, tuple(dict.fromkeys(c for o in file.observation for c in o.channels))),
+        *([partial(_discrepancy, file, channels)] if channels else []),
         partial(_sampler, file.sampler),
         partial(_plan, file.calibration),
     ]

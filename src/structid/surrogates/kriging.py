@@ -86,7 +86,13 @@ class Kriging:
         if self.nugget != "estimate" and not (isinstance(self.nugget, (int, float)) and 0 <= self.nugget < np.inf):
             raise InputError("Kriging.nugget", f"{self.nugget!r}", 'a number, 0 or more, or "estimate"')
 
-    def fit(self, design: Design, values: np.ndarray, progress: Progress | None = None) -> KrigingPredictor:
+    def fit(
+        self,
+        design: Design,
+        values: np.ndarray,
+        progress: Progress | None = None,
+        start: KrigingPredictor | None = None,
+    ) -> KrigingPredictor:
         """Fit one output or many.
 
         Parameters
@@ -97,6 +103,9 @@ class Kriging:
             The function's values there.
         progress : callable, optional
             Told how many steps of the search for correlation lengths are done.
+        start : KrigingPredictor, optional
+            One fitted to fewer points, from whose lengths the search starts: there is no global search then. It counts only where
+            all outputs share their lengths.
 
         Returns
         -------
@@ -113,9 +122,10 @@ class Kriging:
         if self.nugget == 0.0:
             _check_distinct(theta)
         groups = [np.arange(outputs.shape[1])] if self.shared else [np.array([k]) for k in range(outputs.shape[1])]
-        searches = len(groups) * len(self._forms(theta)) * max(self.starts, 1)
-        tell = Steps(progress, searches * len(_sizes(len(theta))))
-        fitted = [self._fit_group(design, theta, outputs[:, group], group, tell) for group in groups]
+        known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
+        forms = len(groups) * len(self._forms(theta))
+        tell = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(_sizes(len(theta)))))
+        fitted = [self._fit_group(design, theta, outputs[:, group], group, known, tell) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
@@ -124,14 +134,20 @@ class Kriging:
         return forms[:1] if self.correlation == "gaussian" or theta.shape[1] == 1 else forms
 
     def _fit_group(
-        self, design: Design, theta: np.ndarray, outputs: np.ndarray, group: np.ndarray, tell: Steps
+        self,
+        design: Design,
+        theta: np.ndarray,
+        outputs: np.ndarray,
+        group: np.ndarray,
+        known: KrigingGroup | None,
+        tell: Steps,
     ) -> KrigingGroup:
         trend = self._trend_basis(design, outputs)
         if len(trend) >= len(theta):
             raise InputError(
                 "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
             )
-        candidates = [self._fit_form(theta, outputs, group, trend, form, tell) for form in self._forms(theta)]
+        candidates = [self._fit_form(theta, outputs, group, trend, form, known, tell) for form in self._forms(theta)]
         return min(candidates, key=lambda c: float(np.sum(c.leave_one_out_residuals**2)))
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
@@ -152,13 +168,18 @@ class Kriging:
         group: np.ndarray,
         trend: PolynomialBasis,
         separable: bool,
+        known: KrigingGroup | None,
         tell: Steps,
     ) -> KrigingGroup:
         centre, scale = theta.mean(axis=0), theta.std(axis=0)
         scale = np.where(scale > 0, scale, 1.0)
         data = _Data((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = _Objective(data, self.correlation, separable, self.nugget, self.estimation)
-        best = _search(objective, data, self.starts, np.random.default_rng(self.seed), tell)
+        if known is None:
+            best = _search(objective, data, self.starts, np.random.default_rng(self.seed), tell)
+        else:
+            nugget = [np.log(known.factors.nugget)] * (self.nugget == "estimate")
+            best = _refined(objective, np.append(np.log(known.lengths / scale), nugget), tell)
         try:
             factors = _Factors.of(data, objective.matrix(best), objective.diagonal(best))
         except np.linalg.LinAlgError:
@@ -407,6 +428,14 @@ def _search(objective: _Objective, data: _Data, starts: int, rng: np.random.Gene
         if value < lowest:
             best, lowest = place, value
     return np.asarray(best)
+
+
+def _refined(objective: _Objective, start: np.ndarray, tell: Steps) -> np.ndarray:
+    """Quasi-Newton steps on the whole design from a place that is near already."""
+    place = np.clip(start, *np.array(objective.bounds).T)
+    place, _, _ = quasi_newton(objective, objective.bounds, place, _inverse_curvature(objective, place))
+    tell()
+    return place
 
 
 def _padded(points: np.ndarray) -> np.ndarray:

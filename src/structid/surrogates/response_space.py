@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
@@ -29,6 +29,8 @@ from structid.surrogates.pce import PCE, ChaosExpansion
 from structid.surrogates.progress import Stages
 
 Predictor = ChaosExpansion | KrigingPredictor
+_Regression = Callable[[str, Design, np.ndarray, Progress], Predictor]
+"""Fits the scores on the record of a content hash."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,9 @@ class PODKriging:
         """
         _check("PODKriging", design, records)
 
-    def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
+    def fit(
+        self, runs: Runs, progress: Progress | None = None, start: ResponseSpaceSurrogate | None = None
+    ) -> ResponseSpaceSurrogate:
         """Fit to runs on one record or several.
 
         Parameters
@@ -83,13 +87,21 @@ class PODKriging:
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
             Told how far the fit is, in hundredths.
+        start : ResponseSpaceSurrogate, optional
+            One fitted to some of these runs, whose correlation lengths the search starts from; see `Kriging.fit`.
 
         Returns
         -------
         ResponseSpaceSurrogate
             A model for those records.
         """
-        return _fit(self, self.kriging, runs, progress)
+        known = {} if start is None else start.records
+
+        def regression(content_hash: str, design: Design, scores: np.ndarray, tell: Progress) -> KrigingPredictor:
+            before = known[content_hash].scores if content_hash in known else None
+            return self.kriging.fit(design, scores, tell, before if isinstance(before, KrigingPredictor) else None)
+
+        return _fit(self, regression, runs, progress)
 
 
 @dataclass(frozen=True)
@@ -143,7 +155,7 @@ class PODPCE:
         ResponseSpaceSurrogate
             A model for those records.
         """
-        return _fit(self, self.pce, runs, progress)
+        return _fit(self, lambda _hash, design, scores, tell: self.pce.fit(design, scores, tell), runs, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +224,7 @@ def _check(kind: str, design: Design, records: Sequence[Excitation]) -> None:
 
 
 def _fit(
-    settings: PODKriging | PODPCE, regression: Kriging | PCE, runs: Runs, progress: Progress | None
+    settings: PODKriging | PODPCE, regression: _Regression, runs: Runs, progress: Progress | None
 ) -> ResponseSpaceSurrogate:
     watch = Stopwatch()
     kind = type(settings).__name__
@@ -241,7 +253,7 @@ def _by_record(runs: Runs) -> dict[str, Runs]:
     return {hashes[i]: merged.on(int(i)) for i in np.unique(of_run)}
 
 
-def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, progress: Progress) -> RecordFit:
+def _fit_record(runs: Runs, regression: _Regression, left_out_energy: float, progress: Progress) -> RecordFit:
     record = runs.records[0]
     values = runs.values[:, : len(record)]
     scale = values.std(axis=(0, 1))
@@ -252,7 +264,7 @@ def _fit_record(runs: Runs, regression: Kriging | PCE, left_out_energy: float, p
         )
     table = (values / scale).reshape(len(values), -1)
     mean, modes, scores, truncation = principal_components(table, left_out_energy)
-    predictor = regression.fit(runs.design, scores, progress)
+    predictor = regression(record.content_hash, runs.design, scores, progress)
     deviation = np.sqrt(predictor.leave_one_out_error * scores.var(axis=0))
     return RecordFit(record.name, len(record), mean, modes, truncation, scale, predictor, deviation)
 
