@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 import scipy.stats
 
 import structid as si
@@ -312,6 +313,23 @@ def test_few_steps_do_not_make_a_walker_stuck():
     assert not stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).any()
     density[:, 1, 7] -= 60.0
     assert stuck_walkers(rng.random((8, 4, 32)) < 0.3, density).sum() == 1
+
+
+@pytest.mark.parametrize("steps", [50, 100, 2000])
+def test_short_series_do_not_hide_their_correlation(steps):
+    """AR(1) walkers, ρ = 0.9: the variance of their mean is σ² (1 + 2 Σ (1 − t/S) ρᵗ) / N, whatever the length of the series."""
+    rng, rho, found = np.random.default_rng(5), 0.9, []
+    for _ in range(60 if steps < 1000 else 6):
+        noise = rng.standard_normal((steps, 4, 20))
+        draws = scipy.signal.lfilter(
+            [np.sqrt(1 - rho**2)], [1.0, -rho], noise, axis=0, zi=rho * rng.normal(size=(1, 4, 20))
+        )[0]
+        found.append(1.0 / diagnostics.effective_sample_size(draws))
+    lags = np.arange(1, steps)
+    time = 1.0 + 2.0 * np.sum((1.0 - lags / steps) * rho**lags)
+    error = np.std(found) / np.sqrt(len(found))
+    # Sokal's window leaves out a few hundredths of the sum.
+    assert abs(np.mean(found) * steps * 80 / time - 0.97) < 0.05 + 4.0 * error * steps * 80 / time
 
 
 def test_a_posterior_on_a_bound_of_its_prior():

@@ -17,7 +17,7 @@ STUCK_ACCEPTANCE = 0.2
 LAST_STEPS = 20
 """Steps at least that are looked at for walkers that end far below the others."""
 SHORT = 25
-"""Steps of a series whose own mean hides what it has of correlation."""
+"""Steps of a series that is too short for the means of a few ensembles to tell its correlation."""
 FEWEST_MOVES = 50
 """Accepted moves of the median walker from which a walker's acceptance says something of it."""
 BOUND_WIDTH = 0.02
@@ -28,11 +28,13 @@ TAIL_PROBABILITY = 1e-3
 """A posterior median beyond this prior probability says that prior and data disagree."""
 
 
-def autocorrelation_time(series: np.ndarray, window: float = 5.0, centre: bool = True) -> float:
-    """Integrated autocorrelation time, τ = 1 + 2 Σ ρ(t), with Sokal's window.
+def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
+    """Integrated autocorrelation time, τ = 1 + 2 Σ (1 − t/S) ρ(t) over S steps, with Sokal's window.
 
     The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). Several series are averaged in their autocorrelation
-    first, since each alone is noisy.
+    first, since each alone is noisy. They are taken about the mean of all: about its own, a series that is not much longer than τ
+    hides what it has of correlation. The mean of E series has a variance V itself, by which each autocovariance comes out too
+    small; with V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S) the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
 
     Parameters
     ----------
@@ -40,8 +42,6 @@ def autocorrelation_time(series: np.ndarray, window: float = 5.0, centre: bool =
         Independent, equally long series.
     window : float
         Length of the window in τ.
-    centre : bool
-        Take each series about its own mean.
 
     Returns
     -------
@@ -49,16 +49,17 @@ def autocorrelation_time(series: np.ndarray, window: float = 5.0, centre: bool =
         τ in steps, at least 1; NaN for a constant series.
     """
     series = np.atleast_2d(series)
-    steps = series.shape[1]
-    # Each about its own mean: what ensembles disagree on is R-hat's matter.
-    centred = series - series.mean(axis=1, keepdims=True) if centre else series
-    transform = np.fft.rfft(centred, n=2 * steps, axis=1)
+    count, steps = series.shape
+    transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
     covariance = np.fft.irfft(np.abs(transform) ** 2, axis=1)[:, :steps].mean(axis=0)
     if covariance[0] <= 0.0:
         return float("nan")
     sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
-    long_enough = np.flatnonzero(np.arange(steps) >= window * sums)
-    return float(max(sums[long_enough[0] if long_enough.size else steps - 1], 1.0))
+    lags = np.arange(steps)
+    long_enough = np.flatnonzero(lags >= window * sums)
+    last = long_enough[0] if long_enough.size else steps - 1
+    seen = 1.0 + 2.0 * np.sum(1.0 - lags[1 : last + 1] / steps)
+    return float(max(sums[last] / max(1.0 - seen / (count * steps), 1.0 / steps), 1.0))
 
 
 def weighted_size(weights: np.ndarray) -> float:
@@ -107,14 +108,12 @@ def series_time(draws: np.ndarray) -> float:
     Returns
     -------
     float
-        τ in steps. Of series so short that their means hide it, the larger of that and the time of single walkers about the mean
-        of all.
+        τ in steps. Of series so short that a few means cannot tell it, the larger of that and the time of single walkers.
     """
     time = autocorrelation_time(draws.mean(axis=2).T)
     if len(draws) >= SHORT:
         return time
-    walkers = autocorrelation_time((draws - draws.mean()).reshape(len(draws), -1).T, centre=False)
-    return float(np.fmax(time, walkers))
+    return float(np.fmax(time, autocorrelation_time(draws.reshape(len(draws), -1).T)))
 
 
 def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:

@@ -78,8 +78,8 @@ class SMC(Sampler):
     differential_evolution: float = 0.5
 
     discard = 0.0  # no field: there is no start to forget
-    # Particles begin where the posterior is; the series is only so long that its τ can be told.
-    needed_length: ClassVar[float] = 5.0
+    # Particles begin where the posterior is; in one τ those that were copied from one another have parted.
+    needed_length: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
         for name, least in (("particles", 4), ("ensembles", 1), ("steps", 1), ("least_moves", 1), ("most_moves", 1)):
