@@ -76,7 +76,7 @@ def fresh_draws(posterior: Posterior, particles: Block, count: int, rng: np.rand
     Batch
         Without others.
     """
-    phi = particles["phi"][-1].reshape(-1, posterior.dimension)
+    phi = _last(posterior, particles)
     phi = phi[rng.permutation(len(phi))]
     # Particles that were drawn twice and have not moved since are one: a point is run once.
     distinct = np.sort(np.unique(phi, axis=0, return_index=True)[1])
@@ -122,7 +122,7 @@ def next_batch(
     dimension = posterior.model_space.dimension
     taken = np.concatenate([known, plain.fresh[:, :dimension]])
     candidates = widened_draws(posterior, blocks[-1], CANDIDATES, rng)
-    particles = posterior.bijection(blocks[-1]["phi"][-1].reshape(-1, posterior.dimension))[0]
+    particles = posterior.bijection(_last(posterior, blocks[-1]))[0]
     edges = beyond_the_runs(candidates[:, :dimension], particles[:, :dimension], taken)[:widened]
     taken = np.concatenate([taken, candidates[edges, :dimension]])
     deviation = relative_deviation(posterior, surrogate, candidates)
@@ -177,7 +177,7 @@ def widened_draws(posterior: Posterior, particles: Block, count: int, rng: np.ra
     ndarray, shape (count, parameter)
         In SI.
     """
-    phi = particles["phi"][-1].reshape(-1, posterior.dimension)
+    phi = _last(posterior, particles)
     first, second, third = (phi[rng.integers(len(phi), size=count)] for _ in range(3))
     return posterior.bijection(first + second - third)[0]
 
@@ -210,12 +210,17 @@ def tempered_draws(
     found: list[np.ndarray] = []
     for share, temperature in zip(_shares(count, len(TEMPERATURES)), TEMPERATURES, strict=True):
         stage = blocks[int(np.argmin(np.abs(np.log(exponents / temperature))))]
-        phi = stage["phi"][-1].reshape(-1, posterior.dimension)
+        phi = _last(posterior, stage)
         theta, _ = posterior.bijection(phi[rng.permutation(len(phi))[: 10 * CANDIDATES]])
         theta = theta[:, :dimension]
         taken = np.concatenate([known, *found])
         found.append(theta[far_apart(_scores(posterior, theta), _scores(posterior, taken), share)])
     return np.concatenate(found)
+
+
+def _last(posterior: Posterior, particles: Block) -> np.ndarray:
+    """Where the particles of a block are at its end, in unconstrained coordinates, shape (particle, parameter)."""
+    return np.asarray(particles["phi"][-1].reshape(-1, posterior.dimension))
 
 
 def _shares(count: int, parts: int) -> list[int]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import functools
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -103,7 +102,7 @@ class Bijection:
         return theta, jacobian
 
 
-@functools.lru_cache(maxsize=64)
+@lru_cache(maxsize=64)
 def _compiled_forward(bounds: tuple[tuple[float, float], ...], scales: tuple[float, ...]) -> Any:
     """`Bijection.forward`, compiled once for all bijections of the same box: every round of a calibration has one."""
     from structid.device import over_runs
