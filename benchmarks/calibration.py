@@ -17,7 +17,7 @@ import structid as si
 NAME = "calibration"
 EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
 SEEDS = (1, 2, 3)
-REFERENCE = si.SMC(particles=1000, steps=150)
+REFERENCE = si.SMC(particles=1000, steps=200)
 HEADS = [
     "case, seed", "verdict", "training + certificate", "seconds", "k̂", "effective of 200", "spread of log w",
     "largest error of a mean [sd]", "largest error of an sd", "limit (stretch)",
