@@ -15,6 +15,7 @@ from structid.calibration.nearness import nearness
 from structid.calibration.result import CalibrationResult, Round
 from structid.campaign.executors import spreading
 from structid.campaign.runner import Campaign
+from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError
 from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.delayed_acceptance import DelayedAcceptance
@@ -264,7 +265,7 @@ class _Loop:
         told = self._told("true runs")
         model, cycle = self.posterior.model, "cycle" if len(self.records) > 1 else None
         if self.folder is not None:
-            campaign = Campaign(model, self.records, self._design(), self.folder / "true_runs.h5", cycle)
+            campaign = Campaign(model, self.records, self._design(), self.folder / CALIBRATION_RUNS, cycle)
         else:
             campaign = Campaign(model, self.records, self._design()[0 if done is None else len(done) :], None, cycle)
         runs = campaign.run(self.executor, progress=lambda ended, total, _failed: told(ended, total))

@@ -33,8 +33,10 @@ from structid.models.external import Outcome
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
 
-STUDY_STORES = ("runs.h5", "calibration/true_runs.h5")
-"""Where a study's folder has its true runs: of a campaign, or of a calibration."""
+CAMPAIGN_RUNS = "runs.h5"
+"""File of a study's folder with the runs of its campaign."""
+CALIBRATION_FOLDER, CALIBRATION_RUNS = "calibration", "true_runs.h5"
+"""Folder of a study's folder with its calibration, and file of that with the runs."""
 SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 
@@ -340,7 +342,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
     """
     path = Path(path)
     if path.is_dir():
-        stores = [path / name for name in STUDY_STORES]
+        stores = [path / CAMPAIGN_RUNS, path / CALIBRATION_FOLDER / CALIBRATION_RUNS]
         path = next((s for s in stores if s.exists() or parts_of(s).exists()), stores[0])
     if not path.exists() and not parts_of(path).exists():
         raise InputError(

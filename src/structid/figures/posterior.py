@@ -26,6 +26,7 @@ from structid.figures.style import (
 from structid.units import label
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -266,14 +267,12 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
         One panel.
     """
     figure, axes = canvas(1, 1, height=1.9)
-    axis = axes[0, 0]
-    if rates.size > MOST_BARS:
-        axis.hist(list(rates), bins=40, stacked=True, color=[CYCLE[e % len(CYCLE)] for e in range(len(rates))])
-        axis.axvline(np.median(rates), color="k", lw=0.8, ls=":")
-        axis.set_xlim(0.0, None)
-        axis.set_xlabel("acceptance rate")
-        axis.set_ylabel("walkers")
-        return finish(figure, title, save)
+    draw = _spread_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
+    draw(axes[0, 0], rates)
+    return finish(figure, title, save)
+
+
+def _rate_of_each_walker(axis: Axes, rates: np.ndarray) -> None:
     walkers = rates.shape[1]
     for e, row in enumerate(rates):
         edges = np.arange(walkers + 1) + e * walkers - 0.5
@@ -285,7 +284,14 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
     axis.set_ylabel("acceptance rate")
     if len(rates) <= 8:
         axis.legend(ncol=4, loc="upper right")
-    return finish(figure, title, save)
+
+
+def _spread_of_rates(axis: Axes, rates: np.ndarray) -> None:
+    axis.hist(list(rates), bins=40, stacked=True, color=[CYCLE[e % len(CYCLE)] for e in range(len(rates))])
+    axis.axvline(np.median(rates), color="k", lw=0.8, ls=":")
+    axis.set_xlim(0.0, None)
+    axis.set_xlabel("acceptance rate")
+    axis.set_ylabel("walkers")
 
 
 @styled

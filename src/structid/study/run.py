@@ -19,7 +19,7 @@ from structid.calibration.result import CalibrationResult
 from structid.calibration.sequential import Plan, calibrate
 from structid.campaign.executors import open_pool, spreading
 from structid.campaign.runner import Campaign
-from structid.campaign.store import open_runs
+from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS, open_runs
 from structid.errors import InputError, StructidWarning
 from structid.inference.delayed_acceptance import DelayedAcceptance
 from structid.inference.posterior import Posterior
@@ -49,8 +49,7 @@ IDENTITY = "identity.json"
 """File of a study's folder that says what it depends on."""
 
 _STUDY, _TIMINGS, _INPUTS = "study.toml", "timings.json", "inputs"
-_CHAINS, _RUNS, _SCRATCH = "chains.h5", "runs.h5", "scratch"
-_CALIBRATION = "calibration"
+_CHAINS, _SCRATCH = "chains.h5", "scratch"
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
 _VALIDATION_STREAM = 0x76616C
 
@@ -165,7 +164,7 @@ def run_study(
 
 def _sampled(folder: Path) -> bool:
     """Whether there are draws, of a plain sampling or of a calibration."""
-    return (folder / _CHAINS).is_file() or any((folder / _CALIBRATION).glob("chains_*.h5"))
+    return (folder / _CHAINS).is_file() or any((folder / CALIBRATION_FOLDER).glob("chains_*.h5"))
 
 
 def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
@@ -191,7 +190,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> Outcome:
     folder = Path(folder)
     file, told = _stored_study(folder)
     if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
-        return _runs_report(open_runs(folder / _RUNS), file, folder, _Timings(folder / _TIMINGS))
+        return _runs_report(open_runs(folder / CAMPAIGN_RUNS), file, folder, _Timings(folder / _TIMINGS))
     return _work(_rebuilt(folder, file, told), folder, stage)
 
 
@@ -222,7 +221,7 @@ def stored_outcome(folder: str | Path, stage: Stage = silent) -> Outcome:
 def _stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
     """The study in a folder, its file names turned to the copies, and what identifies it."""
     identity = folder / IDENTITY
-    if not identity.is_file() or not (_sampled(folder) or (folder / _RUNS).is_file()):
+    if not identity.is_file() or not (_sampled(folder) or (folder / CAMPAIGN_RUNS).is_file()):
         raise InputError(
             f"{folder}",
             "it holds no finished study",
@@ -374,7 +373,7 @@ def _campaign(
     """Do the true runs the study asks for, or read them back."""
     if study.campaign is None:
         return None
-    campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / _RUNS, assignment="cycle")
+    campaign = Campaign(study.model, study.campaign_records, study.campaign, folder / CAMPAIGN_RUNS, assignment="cycle")
     attempts = 1 if study.file.campaign is None else study.file.campaign.attempts
     with stage("true runs") as progress, timings.measured("true runs", goes_on=True):
         return campaign.run(executor, retry=retry, attempts=attempts, adopt=adopt, progress=progress)
@@ -427,7 +426,7 @@ def _certified(
                     plan=plan,
                     sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
                     seed=study.file.seed,
-                    store=folder / _CALIBRATION,
+                    store=folder / CALIBRATION_FOLDER,
                     executor=executor,
                     progress=told,
                 )
