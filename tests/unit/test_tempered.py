@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.special
 import scipy.stats
 
 import structid as si
@@ -43,6 +44,68 @@ class LinearGaussian:
         return covariance @ self.matrix.T @ self.y / self.noise**2, np.sqrt(np.diag(covariance))
 
 
+class NormalGamma:
+    """y ~ N(m + z / √(κ τ), 1 / τ) with z ~ N(0, 1) and τ ~ Gamma(a, b): mean and precision of a sample, both unknown.
+
+    κₙ = κ + n, aₙ = a + n/2, bₙ = b + Σ(y − ȳ)²/2 + κ n (ȳ − m)² / (2 κₙ), and
+    log Z = log Γ(aₙ) − log Γ(a) + a log b − aₙ log bₙ + ½ log(κ / κₙ) − ½ n log 2π.
+    """
+
+    m, kappa, a, b = 1.0, 0.5, 3.0, 2.0
+
+    def __init__(self, seed, samples=25):
+        rng = np.random.default_rng(seed)
+        self.y = 2.0 + 0.7 * rng.normal(size=samples)
+        self.space = si.ParameterSpace(z=si.Normal(0.0, 1.0), precision=si.Gamma(shape=self.a, rate=self.b))
+        self.target = si.LogDensity(self._density, self.space.names, self.space, {"precision": (0.0, np.inf)})
+
+    def _density(self, theta):
+        z, precision = theta[:, :1], theta[:, 1:]
+        mean = self.m + z / np.sqrt(self.kappa * precision)
+        likelihood = scipy.stats.norm.logpdf(self.y, mean, 1.0 / np.sqrt(precision)).sum(axis=1)
+        return likelihood + self.space.log_density(theta)
+
+    @property
+    def updated(self):
+        n, mean = len(self.y), self.y.mean()
+        kappa, a = self.kappa + n, self.a + n / 2
+        b = self.b + 0.5 * np.sum((self.y - mean) ** 2) + self.kappa * n * (mean - self.m) ** 2 / (2 * kappa)
+        return kappa, a, b
+
+    @property
+    def log_evidence(self):
+        kappa, a, b = self.updated
+        gammas = scipy.special.gammaln(a) - scipy.special.gammaln(self.a)
+        scales = self.a * np.log(self.b) - a * np.log(b)
+        return gammas + scales + 0.5 * np.log(self.kappa / kappa) - 0.5 * len(self.y) * np.log(2 * np.pi)
+
+
+@pytest.mark.parametrize("problem", [LinearGaussian, NormalGamma])
+def test_the_closed_form_is_the_integral_of_the_density(problem):
+    """Over a grid, in two dimensions."""
+    case = LinearGaussian(2, dimension=2) if problem is LinearGaussian else NormalGamma(2)
+    values = si.sample(case.target, SMALL, seed=1).flat
+    middle, spread = values.mean(axis=0), values.std(axis=0)
+    axes = [np.linspace(m - 8 * s, m + 8 * s, 400) for m, s in zip(middle, spread, strict=True)]
+    axes[1] = axes[1][axes[1] > 0] if problem is NormalGamma else axes[1]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    density = np.concatenate([case.target.log_density(row) for row in grid])
+    cell = np.prod([np.diff(axis)[0] for axis in axes])
+    assert scipy.special.logsumexp(density) + np.log(cell) == pytest.approx(case.log_evidence, abs=1e-3)
+
+
+def test_evidence_and_moments_of_a_conjugate_model():
+    problem = NormalGamma(1)
+    result = si.sample(problem.target, si.SMC(steps=40), seed=1)
+    evidence = result.log_evidence
+    assert abs(evidence.value - problem.log_evidence) < min(0.1, 4.0 * evidence.error + 0.02), str(evidence)
+    _, a, b = problem.updated
+    precision = result.flat[:, 1]
+    error = np.sqrt(a) / b / np.sqrt(result.summary().columns["ess_bulk"][1])
+    assert abs(precision.mean() - a / b) < 4.0 * error
+    assert precision.std() == pytest.approx(np.sqrt(a) / b, rel=0.07)
+
+
 def test_evidence_and_moments_of_a_linear_gaussian_model():
     problem = LinearGaussian(1)
     result = si.sample(problem.target, si.SMC(steps=40), seed=1)
@@ -55,12 +118,13 @@ def test_evidence_and_moments_of_a_linear_gaussian_model():
 
 
 @pytest.mark.slow
-def test_evidence_and_its_error_over_twenty_seeds():
+@pytest.mark.parametrize("problem", [LinearGaussian, NormalGamma])
+def test_evidence_and_its_error_over_twenty_seeds(problem):
     errors, scores = [], []
     for seed in range(20):
-        problem = LinearGaussian(seed)
-        evidence = si.sample(problem.target, si.SMC(steps=1), seed=seed).log_evidence
-        errors.append(evidence.value - problem.log_evidence)
+        case = problem(seed)
+        evidence = si.sample(case.target, si.SMC(steps=1), seed=seed).log_evidence
+        errors.append(evidence.value - case.log_evidence)
         scores.append(errors[-1] / evidence.error)
     print(f"errors of log Z: {np.round(errors, 3)}, in reported errors {np.round(scores, 1)}")
     assert np.abs(errors).max() <= 0.1 and np.abs(scores).max() <= 3.0
