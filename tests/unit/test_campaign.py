@@ -16,8 +16,9 @@ import xarray
 
 import solvers
 import structid as si
+from processes import alive, wait_until_gone
 from structid.campaign import store as stores
-from structid.campaign.executors import mapping
+from structid.campaign.executors import kept_open, mapping
 from structid.errors import CampaignStoppedError, InputError, Status, StoreError, StoreMismatchError
 from structid.reasons import general_reason
 
@@ -77,6 +78,37 @@ def test_an_executor_as_a_map(executor):
     with mapping(executor) as spread:
         found = wave_model().simulate(np.array([[0.5, 3.0], [0.7, 4.0], [0.1, 2.0]]), RECORD, map=spread)
     np.testing.assert_array_equal(found.values[1, :, 0], solvers.wave({"a": 0.7, "b": 4.0}, RECORD))
+
+
+def test_workers_that_are_kept_open_start_once_and_end_with_the_last():
+    model = wave_model(solvers.own_process)
+
+    def workers_of(executor, seed):
+        runs = si.Campaign(model, RECORD, SPACE.sample(3, seed=seed)).run(executor)
+        return set(runs.values[:, 0, 0].astype(int))
+
+    with kept_open(model, "serial") as workers:
+        (worker,) = workers_of(workers, 1)
+        assert workers_of(workers, 2) == {worker}
+        with mapping(workers) as spread:
+            assert model.simulate(np.array([[0.5, 3.0]]), RECORD, map=spread).values[0, 0, 0] == worker
+        assert alive(worker)
+    wait_until_gone([worker])
+    assert workers_of("serial", 1) != {worker}
+
+
+def test_a_campaign_that_is_stopped_leaves_no_worker_that_was_kept_open(tmp_path):
+    model, path = wave_model(solvers.own_process), tmp_path / "runs.h5"
+
+    def stop(done, total, failed):
+        if done > 5:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), kept_open(model, "processes:2") as workers:
+        si.Campaign(model, RECORD, SPACE.sample(200, seed=1), store=path).run(workers, progress=stop)
+    stored = si.open_runs(path)
+    wait_until_gone(set(stored.values[stored.done, 0, 0].astype(int)))
+    assert si.Campaign(model, RECORD, SPACE.sample(200, seed=1), store=path).run("processes:2").done.all()
 
 
 @pytest.mark.parametrize("wrong", ["process", "processes:0", "processes:many", 7])

@@ -7,13 +7,13 @@ import sys
 import textwrap
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import solvers
 import structid as si
+from processes import wait_until_gone
 from structid.errors import InputError, Status
 from structid.models.external import attempt, packed
 from structid.models.um_bridge import ServedModel
@@ -115,16 +115,7 @@ def test_nothing_is_left_when_the_owner_is_killed(tmp_path):
     pids = [int(p) for p in (tmp_path / "pids").read_text().split()]
     owner.send_signal(signal.SIGKILL)
     owner.wait()
-    while any(alive(pid) for pid in pids):
-        assert time.monotonic() < deadline, pids
-        time.sleep(0.05)
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().split(")")[1].split()[0] != "Z"
-    except FileNotFoundError:
-        return False
+    wait_until_gone(pids)
 
 
 def test_several_records_one_for_each_run():

@@ -13,7 +13,7 @@ import numpy as np
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
 from structid.calibration.nearness import nearness
 from structid.calibration.result import CalibrationResult, Round
-from structid.campaign.executors import spreading
+from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError
@@ -181,17 +181,18 @@ def calibrate(
         If `store` belongs to another calibration.
     """
     settings = PODKriging() if surrogate is None else surrogate
-    loop = _Loop(
-        Posterior(space, model, observations, discrepancy),
-        settings,
-        Plan(true_runs=true_runs) if plan is None else plan,
-        SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5) if sampler is None else sampler,
-        seed,
-        None if store is None else Path(store),
-        executor,
-        progress,
-    )
-    return loop.run()
+    with kept_open(model, executor) as workers:
+        loop = _Loop(
+            Posterior(space, model, observations, discrepancy),
+            settings,
+            Plan(true_runs=true_runs) if plan is None else plan,
+            SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5) if sampler is None else sampler,
+            seed,
+            None if store is None else Path(store),
+            workers,
+            progress,
+        )
+        return loop.run()
 
 
 class _Loop:

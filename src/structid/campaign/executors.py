@@ -117,6 +117,16 @@ class Pool:
             except queue.Empty:
                 self._check()
 
+    def lent(self) -> Pool:
+        """Lend the workers to one who leaves them open.
+
+        Returns
+        -------
+        Pool
+            Its `close` gives up no more than what was submitted to it.
+        """
+        return Pool(self._executor, self._workers, check=self._check, options=self._options)
+
     def close(self, abort: bool = False) -> None:
         """Let go of the executor.
 
@@ -156,7 +166,7 @@ def open_pool(executor: Any) -> Pool:
 
     Parameters
     ----------
-    executor : None, str, concurrent.futures.Executor or distributed.Client
+    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
         ``None`` and ``"serial"``: one run after another; ``"processes"``: one local process for each core, ``"processes:4"`` four;
         ``"tcp://host:8786"``: a Dask scheduler. What is given as an object stays the caller's, who closes it.
 
@@ -170,6 +180,8 @@ def open_pool(executor: Any) -> Pool:
     InputError
         If it is none of these, or no scheduler answers.
     """
+    if isinstance(executor, Pool):
+        return executor.lent()
     if executor is None or executor == "serial":
         return _local(1)
     if isinstance(executor, str):
@@ -246,6 +258,46 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
 
 @contextlib.contextmanager
+def opened(executor: Any) -> Iterator[Pool]:
+    """Open a pool, and close it in the end; if that is an exception, what is in flight is given up.
+
+    Parameters
+    ----------
+    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
+        As for `open_pool`.
+
+    Yields
+    ------
+    Pool
+        The pool.
+    """
+    pool, abort = open_pool(executor), True
+    try:
+        yield pool
+        abort = False
+    finally:
+        pool.close(abort)
+
+
+def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[Any]:
+    """Open an executor once for everything that an external model is run for: starting workers can take longer than a run.
+
+    Parameters
+    ----------
+    model : Model
+        Whose runs they are.
+    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
+        As for `open_pool`.
+
+    Returns
+    -------
+    context manager
+        Gives what to pass on as an executor; for a built-in model, which needs none, what came.
+    """
+    return contextlib.nullcontext(executor) if isinstance(model, JaxModel) else opened(executor)
+
+
+@contextlib.contextmanager
 def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
     """Open an executor as a `map`, for `Model.simulate` and `Posterior`.
 
@@ -259,28 +311,23 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
     callable
         Applies a function to every element of a sequence and returns the results in order.
     """
-    pool = open_pool(executor)
+    with opened(executor) as pool:
 
-    def mapped(function: Callable[..., Any], items: Iterable[Any]) -> list[Any]:
-        waiting = list(enumerate(items))
-        results: list[Any] = [None] * len(waiting)
-        waiting.reverse()
-        while waiting or pool.busy:
-            while waiting and pool.room > 0:
-                place, item = waiting.pop()
-                pool.submit(place, function, item)
-            for place, result in pool.finished():
-                if isinstance(result, LostWorkerError):
-                    raise CampaignStoppedError(f"run {place} took every worker down that tried it: {result}")
-                results[place] = result
-        return results
+        def mapped(function: Callable[..., Any], items: Iterable[Any]) -> list[Any]:
+            waiting = list(enumerate(items))
+            results: list[Any] = [None] * len(waiting)
+            waiting.reverse()
+            while waiting or pool.busy:
+                while waiting and pool.room > 0:
+                    place, item = waiting.pop()
+                    pool.submit(place, function, item)
+                for place, result in pool.finished():
+                    if isinstance(result, LostWorkerError):
+                        raise CampaignStoppedError(f"run {place} took every worker down that tried it: {result}")
+                    results[place] = result
+            return results
 
-    abort = True
-    try:
         yield mapped
-        abort = False
-    finally:
-        pool.close(abort)
 
 
 def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:

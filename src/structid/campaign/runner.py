@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.campaign.executors import LostWorkerError, Pool, open_pool
+from structid.campaign.executors import LostWorkerError, Pool, opened
 from structid.campaign.run_file import Header
 from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
@@ -247,9 +247,7 @@ class Campaign:
     ) -> None:
         assert isinstance(self.model, ExternalModel)
         calls = [packed(self.model, record) for record in self.records]
-        pool = open_pool(executor)
-        abort = True
-        try:
+        with opened(executor) as pool:
             waiting = list(reversed(todo))
             # A run that was stopped between two attempts has the rest of them; one that is done again has all of them.
             last = {t.row: max(attempts, t.attempts + (attempts - 1 if retry else 0)) for t in todo}
@@ -260,9 +258,6 @@ class Campaign:
                 store.append(finished)
                 waiting.extend(again)
                 count.add([f for f in finished if not any(self.keys[t.row] == f.key for t in again)])
-            abort = False
-        finally:
-            pool.close(abort)
 
     def _submit(self, pool: Pool, ticket: _Ticket, calls: list[PackedCall]) -> None:
         assert isinstance(self.model, ExternalModel)

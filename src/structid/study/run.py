@@ -17,7 +17,7 @@ import numpy as np
 
 from structid.calibration.result import CalibrationResult
 from structid.calibration.sequential import Plan, calibrate
-from structid.campaign.executors import open_pool, spreading
+from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS, open_runs
 from structid.errors import InputError, StructidWarning
@@ -26,7 +26,7 @@ from structid.inference.posterior import Posterior
 from structid.inference.result import SamplingResult
 from structid.inference.sampling import sample
 from structid.journal import compare_identity, differences, write_then_rename
-from structid.models.base import JaxModel, Progress
+from structid.models.base import Progress
 from structid.models.program import ProgramModel
 from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
 from structid.report.content import ReportContent
@@ -156,10 +156,9 @@ def run_study(
     """
     study = load(path)
     folder = Path(out)
-    if not isinstance(study.model, JaxModel):
-        open_pool(executor).close()  # an executor that is not there is said before a folder is taken
-    _claim(folder, study, Path(path), resume or retry or adopt, adopt)
-    return _work(study, folder, stage, executor, retry, adopt)
+    with kept_open(study.model, executor) as workers:  # an executor that is not there is said before a folder is taken
+        _claim(folder, study, Path(path), resume or retry or adopt, adopt)
+        return _work(study, folder, stage, workers, retry, adopt)
 
 
 def _sampled(folder: Path) -> bool:
