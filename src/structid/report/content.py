@@ -374,6 +374,7 @@ class ReportContent:
         supports = [tuple(b / f) for b, f in zip(space.bounds, factors, strict=True)]
         best = result.map_estimate / factors
         truth = {n: v / factors[names.index(n)] for n, v in self.true_values.items()}
+        caption = "Priors (with samples) and posterior marginals." + (" Dotted: the truth." if truth else "")
         posterior_figures.marginals(
             names,
             units,
@@ -382,7 +383,7 @@ class ReportContent:
             supports,
             best,
             truth,
-            save=folder / self._add("posterior", "marginals", "Priors (with samples) and posterior marginals."),
+            save=folder / self._add("posterior", "marginals", caption),
         )
         posterior_figures.pairs(
             names,
