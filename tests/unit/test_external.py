@@ -115,7 +115,7 @@ def test_nothing_is_left_when_the_owner_is_killed(tmp_path):
     pids = [int(p) for p in (tmp_path / "pids").read_text().split()]
     owner.send_signal(signal.SIGKILL)
     owner.wait()
-    wait_until_gone(pids)
+    wait_until_gone(pids, deadline - time.monotonic())
 
 
 def test_several_records_one_for_each_run():

@@ -161,25 +161,8 @@ def _result_of(future: Any) -> Any:
         ) from problem
 
 
-def open_pool(executor: Any) -> Pool:
-    """Make a pool of whatever was given as an executor.
-
-    Parameters
-    ----------
-    executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        ``None`` and ``"serial"``: one run after another; ``"processes"``: one local process for each core, ``"processes:4"`` four;
-        ``"tcp://host:8786"``: a Dask scheduler. What is given as an object stays the caller's, who closes it.
-
-    Returns
-    -------
-    Pool
-        To be closed.
-
-    Raises
-    ------
-    InputError
-        If it is none of these, or no scheduler answers.
-    """
+def _pool_of(executor: Any) -> Pool:
+    """Make a pool, to be closed, of whatever was given as an executor; see `opened`."""
     if isinstance(executor, Pool):
         return executor.lent()
     if executor is None or executor == "serial":
@@ -259,19 +242,25 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
 @contextlib.contextmanager
 def opened(executor: Any) -> Iterator[Pool]:
-    """Open a pool, and close it in the end; if that is an exception, what is in flight is given up.
+    """Open a pool of whatever was given as an executor, and close it in the end; after an exception, what is in flight is given up.
 
     Parameters
     ----------
     executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        As for `open_pool`.
+        ``None`` and ``"serial"``: one run after another; ``"processes"``: one local process for each core, ``"processes:4"`` four;
+        ``"tcp://host:8786"``: a Dask scheduler. What is given as an object stays the caller's, who closes it.
 
     Yields
     ------
     Pool
         The pool.
+
+    Raises
+    ------
+    InputError
+        If it is none of these, or no scheduler answers.
     """
-    pool, abort = open_pool(executor), True
+    pool, abort = _pool_of(executor), True
     try:
         yield pool
         abort = False
@@ -287,7 +276,7 @@ def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     model : Model
         Whose runs they are.
     executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        As for `open_pool`.
+        As for `opened`.
 
     Returns
     -------
@@ -304,7 +293,7 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
     Parameters
     ----------
     executor : None, str, concurrent.futures.Executor or distributed.Client
-        As for `open_pool`.
+        As for `opened`.
 
     Yields
     ------
@@ -338,7 +327,7 @@ def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     model : Model
         Whose runs they are.
     executor : None, str, concurrent.futures.Executor or distributed.Client
-        As for `open_pool`.
+        As for `opened`.
 
     Returns
     -------

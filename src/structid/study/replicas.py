@@ -5,13 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from structid.campaign.executors import spreading
+from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.replicas import Ranks, sbc
 from structid.models.base import JaxModel
+from structid.study.build import BuiltStudy
 from structid.study.run import Stage, load, silent
 from structid.study.surrogate import surrogate_settings
+from structid.surrogates.base import Surrogate
 
 _FIGURE, _RUNS = "sbc", "sbc_runs.h5"
 
@@ -61,32 +63,36 @@ def check_by_simulation(
     folder = None if out is None else Path(out)
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    posterior, built_in = study.posterior, isinstance(study.model, JaxModel)
-    simulator = None
-    if study.campaign is not None and study.has_surrogate:
-        store = None if folder is None else folder / _RUNS
-        campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")
-        with stage("true runs") as progress:
-            runs = campaign.run(executor, progress=progress)
-        with stage("fitting the surrogate") as progress:
-            surrogate = surrogate_settings(study.file.surrogate).fit(runs, progress)
-        posterior, simulator = posterior.on(surrogate), study.model
-    elif not built_in:
+    by_surrogate = study.campaign is not None and study.has_surrogate
+    if not by_surrogate and not isinstance(study.model, JaxModel):
         raise InputError(
             f"{path}",
             "an external model that would be run a million times",
             "a [surrogate] fitted to a [campaign] over the whole prior",
             "Leave [calibration] out for this: its surrogate is good only near one posterior.",
         )
-    with spreading(study.model, executor) as spread, stage("calibrating replicas") as progress:
-        found = sbc(
-            posterior.spread(spread),
-            replicas,
-            seed=study.file.seed if seed is None else seed,
-            simulator=simulator,
-            progress=progress,
-        )
+    with kept_open(study.model, executor) as workers:
+        posterior = study.posterior.on(_surrogate(study, folder, stage, workers)) if by_surrogate else study.posterior
+        with spreading(study.model, workers) as spread, stage("calibrating replicas") as progress:
+            found = sbc(
+                posterior.spread(spread),
+                replicas,
+                seed=study.file.seed if seed is None else seed,
+                simulator=study.model if by_surrogate else None,
+                progress=progress,
+            )
     if folder is None:
         return found, None
     found.plot(folder / _FIGURE)
     return found, folder / f"{_FIGURE}.png"
+
+
+def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: Any) -> Surrogate:
+    """Do the study's campaign, and fit its surrogate to that."""
+    assert study.campaign is not None
+    store = None if folder is None else folder / _RUNS
+    campaign = Campaign(study.model, study.campaign_records, study.campaign, store, assignment="cycle")
+    with stage("true runs") as progress:
+        runs = campaign.run(executor, progress=progress)
+    with stage("fitting the surrogate") as progress:
+        return surrogate_settings(study.file.surrogate).fit(runs, progress)
