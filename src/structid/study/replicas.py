@@ -12,7 +12,7 @@ from structid.inference.replicas import Ranks, sbc
 from structid.models.base import JaxModel
 from structid.study.build import BuiltStudy
 from structid.study.run import Stage, load, silent
-from structid.study.surrogate import surrogate_settings
+from structid.study.surrogate import fitted_surrogate
 from structid.surrogates.base import Surrogate
 
 _FIGURE, _RUNS = "sbc", "sbc_runs.h5"
@@ -95,4 +95,4 @@ def _surrogate(study: BuiltStudy, folder: Path | None, stage: Stage, executor: A
     with stage("true runs") as progress:
         runs = campaign.run(executor, progress=progress)
     with stage("fitting the surrogate") as progress:
-        return surrogate_settings(study.file.surrogate).fit(runs, progress)
+        return fitted_surrogate(study.file.surrogate, runs, None, progress)

@@ -106,7 +106,7 @@ def _made(kind: str, given: dict[str, Any], common: dict[str, Any]) -> Settings:
     return KrigingNARX(kriging=dataclasses.replace(KrigingNARX().kriging, **kriging), **given, **common)
 
 
-def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress: Progress | None) -> Surrogate:
+def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
     """Fit the surrogate, or read the one that was fitted before.
 
     Parameters
@@ -115,8 +115,8 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress
         What the file says.
     runs : Runs
         The true runs.
-    path : Path
-        Where it is kept.
+    path : Path or None
+        Where it is kept, if anywhere.
     progress : callable or None
         Told how far the fit is.
 
@@ -126,14 +126,15 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path, progress
         Fitted, not yet validated.
     """
     settings = surrogate_settings(section)
-    surrogate = load_surrogate(path) if path.is_file() else None
+    surrogate = load_surrogate(path) if path is not None and path.is_file() else None
     # Runs that have been done again since, and have succeeded now, are worth another fit.
     stale = surrogate is None or surrogate.fitted.runs != int(runs.done.sum())
     if surrogate is None or stale:
         surrogate = settings.fit(runs, progress)
     if stale or surrogate.fitted.limit != settings.limit:
         surrogate.fitted = dataclasses.replace(surrogate.fitted, limit=settings.limit)
-        surrogate.save(path)
+        if path is not None:
+            surrogate.save(path)
     if section.trust:
         surrogate.trust()
     return surrogate
