@@ -13,6 +13,7 @@ from structid.errors import InputError
 from structid.inference.comparison import Comparison, LeaveOut, ModelClass, leave_out
 from structid.inference.sampler import Evidence
 from structid.study.compare import compare_studies
+from structid.study.replicas import check_by_simulation
 from structid.study.run import run_study
 from studies import PACKAGED, PLAIN, shortened
 
@@ -147,6 +148,18 @@ def test_a_study_is_checked_by_simulation(tmp_path, monkeypatch, capsys):
         cli.main()
     said = capsys.readouterr().out
     assert ended.value.code in (0, 3) and "90 % holds" in said and (tmp_path / "sbc" / "sbc.png").is_file()
+
+
+def test_a_study_with_a_surrogate_is_checked_with_it_if_it_may_stand_in(tmp_path):
+    """Twenty runs are too few for the gate; who trusts the surrogate all the same is heard, as in a run."""
+    study = tmp_path / "study.toml"
+    text = plain("study").replace('kind = "none"', 'kind = "pod_kriging"\nlimit = 1e-9') + "\n[campaign]\nruns = 20\n"
+    study.write_text(text)
+    with pytest.raises(InputError, match=r"1e-09 or less.*trust\(\)"):
+        check_by_simulation(study, 20)
+    study.write_text(text.replace("limit = 1e-9", "limit = 1e-9\ntrust = true"))
+    found, figure = check_by_simulation(study, 20)
+    assert figure is None and "stiffness" in str(found)
 
 
 def test_the_packaged_study_is_certified_and_offers_every_sampler():
