@@ -6,6 +6,7 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
+from structid.inference.correlated import HUGE
 
 DT, SAMPLES = 0.05, 120
 CHANNELS = ("velocity",)
@@ -55,6 +56,26 @@ def test_the_likelihood_is_that_of_the_dense_covariance(name, residual):
     # Given the past: the density of the first samples alone is the sum of their terms.
     first = scipy.stats.multivariate_normal(np.zeros(40), covariance(name)[:40, :40]).logpdf(residual[:40, 0, 0])
     np.testing.assert_allclose(pointwise[:40, 0, 0].sum(), first, rtol=1e-9)
+
+
+def test_a_smooth_law_whose_determinant_no_float_holds():
+    import jax
+
+    law = si.Matern32(white=0.0, correlation_time=10.0)
+    residual = (
+        si.Matern32(2.0, 0.0, 10.0).draw(np.random.default_rng(5), (2, 400, 1), {}, CHANNELS, DT).transpose(1, 2, 0)
+    )
+    unknown = {"sigma2": np.full(2, 2.0)}
+    pointwise = np.asarray(law.pointwise(residual, unknown, CHANNELS, DT))
+    found = np.asarray(law.log_likelihood(residual, unknown, CHANNELS, DT))
+    np.testing.assert_allclose(found, pointwise.sum(axis=(0, 1)), rtol=1e-12)
+    # Π S₁/S is beyond the largest float, about 1e308, and its factors are far from 1.
+    whitened = np.asarray(law.whiten(residual, unknown, CHANNELS, DT))
+    determinants = -2.0 * (found + 0.5 * (whitened**2).sum(axis=(0, 1))) - 400 * np.log(2.0 * np.pi)
+    assert (400 * np.log(2.0) - determinants > 4 * np.log(HUGE)).all()
+    # σ² scales the covariance and its white floor alike: d log L/dσ² = −(T − Σ v²/S)/(2σ²).
+    slope = jax.grad(lambda v: law.log_likelihood(residual, {"sigma2": v}, CHANNELS, DT).sum())(unknown["sigma2"])
+    np.testing.assert_allclose(slope, -(400 - (whitened**2).sum(axis=(0, 1))) / 4.0, rtol=1e-6)
 
 
 def test_whitening_is_the_inverse_of_the_factor(name, residual):

@@ -11,7 +11,7 @@ doi 10.1109/MLSP.2010.5589113; damped cosine: D. Foreman-Mackey et al. 2017, doi
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -24,6 +24,15 @@ from structid.probability.marginals import LogNormal, Marginal, Uniform
 
 Matrix = list[list[Any]]
 """A small matrix whose entries are arrays over channels and runs."""
+
+State = tuple[Any, Any]
+"""Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all before it."""
+
+Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
+"""From a state and what is measured then to the next state, and to the prediction's error v and precision 1/S."""
+
+HUGE = 1e100
+"""Unit of a product of numbers from 1 to 1/SMALLEST_WHITE that may grow beyond what a float holds."""
 
 SMALLEST_WHITE = 1e-10
 """Of the variance of the correlated part: added to the white variance, so that a smooth process stays regular."""
@@ -142,32 +151,52 @@ class Correlated(Discrepancy):
 
     # --- the filter ---------------------------------------------------------------------------------------------
 
-    def _innovations(
+    def _filter(
         self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, more_white: Any = 0.0
-    ) -> tuple[Any, Any]:
-        """One-step prediction errors and their variances, each (time, channel, run)."""
-        import jax
+    ) -> tuple[State, Step, Any]:
+        """What is known of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
 
+        A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
+        arrays, and slow ones over the entries of a matrix, each an array of its own.
+        """
         from structid.device import jnp
 
         transition, noise, stationary, white = self._system(unknown, channels, residual.shape[2], dt, jnp)
         white = white + more_white
         size = range(len(stationary))
-        zero = jnp.zeros_like(stationary[0]) + residual[0] * 0.0
+        upper = [(i, j) for i in size for j in size if i <= j]
+        columns = [jnp.stack([transition[i][k] for i in size]) for k in size]
+        shares = [jnp.stack([_share(transition, to, entry) for to in upper]) for entry in upper]
+        added = jnp.stack([noise[i][j] for i, j in upper])
 
-        def step(state: tuple[Any, Any], measured: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
+        def step(state: State, measured: Any) -> tuple[State, tuple[Any, Any]]:
             mean, covariance = state
-            error = measured - mean[0]
-            spread = covariance[0][0] + white
-            gain = [covariance[i][0] / spread for i in size]
-            mean = [mean[i] + gain[i] * error for i in size]
-            covariance = [[covariance[i][j] - gain[i] * covariance[0][j] for j in size] for i in size]
-            ahead = [[sum(transition[i][k] * covariance[k][j] for k in size) for j in size] for i in size]
-            covariance = [[sum(ahead[i][k] * transition[j][k] for k in size) + noise[i][j] for j in size] for i in size]
-            mean = [sum(transition[i][k] * mean[k] for k in size) for i in size]
-            return (mean, covariance), (error, spread)
+            # v = y − m₀, S = P₀₀ + R
+            error, precision = measured - mean[0], 1.0 / (covariance[0] + white)
+            # P − P₀ P₀ᵀ/S, of which the first row, where an upper triangle begins, is P₀ R/S
+            updated = [
+                covariance[at] * (white * precision)
+                if i == 0
+                else covariance[at] - covariance[i] * covariance[j] * precision
+                for at, (i, j) in enumerate(upper)
+            ]
+            # F (m + P₀ v/S), and F (…) Fᵀ + Q
+            ahead = sum(columns[k] * (mean[k] + covariance[k] * (error * precision)) for k in size)
+            spread = added + sum(share * entry for share, entry in zip(shares, updated, strict=True))
+            return (ahead, spread), (error, precision)
 
-        start = ([zero for _ in size], [[stationary[i] + zero if i == j else zero for j in size] for i in size])
+        zero = jnp.zeros(residual.shape[1:])
+        mean = jnp.stack([zero for _ in size])
+        covariance = jnp.stack([stationary[i] + zero if i == j else zero for i, j in upper])
+        return (mean, covariance), step, stationary[0] + white
+
+    def _innovations(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
+    ) -> tuple[Any, Any]:
+        """One-step prediction errors and their precisions, each (time, channel, run)."""
+        import jax
+
+        start, step, _ = self._filter(residual, unknown, channels, dt)
         return jax.lax.scan(step, start, residual)[1]
 
     def log_likelihood(
@@ -193,7 +222,27 @@ class Correlated(Discrepancy):
         jax.Array, shape (run,)
             Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
         """
-        return _log_densities(*self._innovations(residual, unknown, channels, dt, white)).sum(axis=(0, 1))
+        import jax
+
+        from structid.device import jnp
+
+        start, step, first = self._filter(residual, unknown, channels, dt, white)
+
+        def sample(carry: Any, measured: Any) -> tuple[Any, None]:
+            # A logarithm costs more than all the rest of a step: that of Π S₁/S is taken once, of a product in units of HUGE.
+            state, squares, product, units = carry
+            state, (error, precision) = step(state, measured)
+            product = product * (first * precision)
+            huge = product > HUGE
+            product, units = jnp.where(huge, product * (1.0 / HUGE), product), units + huge
+            return (state, squares + error**2 * precision, product, units), None
+
+        nothing = jnp.zeros(residual.shape[1:])
+        carry = (start, nothing, nothing + 1.0, nothing)
+        (_, squares, product, units), _ = jax.lax.scan(sample, carry, residual)
+        # log Π S = T log S₁ − log Π S₁/S
+        volume = residual.shape[0] * jnp.log(2.0 * jnp.pi * first) - jnp.log(product) - units * np.log(HUGE)
+        return -0.5 * (volume + squares).sum(axis=0)
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every value given those before it; see `Discrepancy.pointwise`.
@@ -214,7 +263,10 @@ class Correlated(Discrepancy):
         jax.Array, shape (time, channel, run)
             −½ log(2πS) − v²/(2S).
         """
-        return _log_densities(*self._innovations(residual, unknown, channels, dt))
+        from structid.device import jnp
+
+        error, precision = self._innovations(residual, unknown, channels, dt)
+        return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
     def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Innovations over their standard deviation; see `Discrepancy.whiten`.
@@ -237,8 +289,8 @@ class Correlated(Discrepancy):
         """
         from structid.device import jnp
 
-        error, spread = self._innovations(residual, unknown, channels, dt)
-        return error / jnp.sqrt(spread)
+        error, precision = self._innovations(residual, unknown, channels, dt)
+        return error * jnp.sqrt(precision)
 
     def draw(
         self,
@@ -298,11 +350,11 @@ class Correlated(Discrepancy):
         return said
 
 
-def _log_densities(error: Any, spread: Any) -> Any:
-    """−½ log(2πS) − v²/(2S) of every innovation."""
-    from structid.device import jnp
-
-    return -0.5 * jnp.log(2.0 * jnp.pi * spread) - 0.5 * error**2 / spread
+def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
+    """What an entry of a symmetric P, and the one opposite, add to an entry of F P Fᵀ."""
+    (i, j), (p, q) = to, of
+    share = transition[i][p] * transition[j][q]
+    return share if p == q else share + transition[i][q] * transition[j][p]
 
 
 def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:
