@@ -8,7 +8,12 @@ import scipy.stats
 import structid as si
 from structid.errors import InputError, StoreMismatchError
 from structid.inference import diagnostics
-from structid.inference.ensemble import differential_proposal, stretch_proposal
+from structid.inference.ensemble import (
+    DEGREES_OF_FREEDOM,
+    differential_proposal,
+    independent_proposal,
+    stretch_proposal,
+)
 from structid.inference.target import LogDensity
 
 RNG = np.random.default_rng(7)
@@ -111,6 +116,62 @@ def test_differential_moves_never_use_the_same_walker_twice():
     resting = np.eye(4)[None] * 5.0
     proposal, _ = differential_proposal(np.random.default_rng(0), np.zeros((1, 5000, 4)), resting)
     assert (np.abs(proposal[0]).sum(axis=1) > 0).all()
+
+
+# --- independence moves, which tempered particles make ----------------------------------------------------------------
+
+
+def independent_moves(monkeypatch, factor):
+    """Let an ensemble make them in half of its steps, with their factor times another."""
+
+    def proposed(rng, moving, resting, stretch, differential_evolution):
+        if rng.random() < 0.5:
+            return stretch_proposal(rng, moving, resting, stretch)
+        proposal, log_factor = independent_proposal(rng, moving, resting)
+        return proposal, factor * log_factor
+
+    monkeypatch.setattr("structid.inference.ensemble.proposed", proposed)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_moments_with_independence_moves(name, monkeypatch):
+    make, mean, sd = TARGETS[name]
+    independent_moves(monkeypatch, 1.0)
+    result = si.sample(make(), si.AIES(walkers=40, steps=4000, ensembles=4), seed=11)
+    z_mean, z_sd = moment_errors(result, mean, sd)
+    assert np.abs(z_mean).max() < 4.0
+    assert np.abs(z_sd).max() < 4.0
+
+
+def test_independence_moves_without_their_factor_would_fail(monkeypatch):
+    independent_moves(monkeypatch, 0.0)
+    make, mean, sd = TARGETS["skewed"]
+    z_mean, z_sd = moment_errors(si.sample(make(), si.AIES(walkers=40, steps=4000, ensembles=4), seed=11), mean, sd)
+    assert max(np.abs(z_mean).max(), np.abs(z_sd).max()) > 8.0
+
+
+def test_independence_moves_have_the_law_of_their_factor():
+    rng = np.random.default_rng(0)
+    resting = rng.standard_normal((2, 50, 3)) @ np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.0, 3.0, 1.0]])
+    moving = rng.standard_normal((2, 20_000, 3))
+    proposal, log_factor = independent_proposal(rng, moving, resting)
+    for k in range(2):
+        law = scipy.stats.multivariate_t(
+            resting[k].mean(axis=0), np.cov(resting[k].T, bias=True), df=DEGREES_OF_FREEDOM
+        )
+        np.testing.assert_allclose(log_factor[k], law.logpdf(moving[k]) - law.logpdf(proposal[k]), atol=1e-3)
+        scale = np.sqrt(np.diag(law.shape))
+        for i in range(3):
+            standardised = (proposal[k, :, i] - law.loc[i]) / scale[i]
+            assert scipy.stats.kstest(standardised, scipy.stats.t(DEGREES_OF_FREEDOM).cdf).pvalue > 1e-3
+
+
+def test_independence_moves_of_walkers_in_a_plane():
+    """All copies of one, and fewer than dimensions: nothing breaks, and nothing finite comes of nothing."""
+    rng = np.random.default_rng(1)
+    for resting in (np.ones((2, 10, 4)), rng.standard_normal((2, 3, 4))):
+        proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), resting)
+        assert np.isfinite(proposal).all() and np.isfinite(log_factor).all()
 
 
 # --- diagnostics ------------------------------------------------------------------------------------------------------

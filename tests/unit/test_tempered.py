@@ -222,6 +222,7 @@ def test_on_a_posterior_it_agrees_with_the_ensemble():
         (dict(particles=2), "4 or more"),
         (dict(effective_share=1.0), "between 0 and 1"),
         (dict(steps=0), "1 or more"),
+        (dict(independent=1.5), "from 0 to 1"),
     ],
 )
 def test_settings_that_make_no_sense(settings, words):

@@ -28,6 +28,8 @@ from structid.models.base import Progress
 
 SETTLING_GAP = 30.0
 """Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
+DEGREES_OF_FREEDOM = 10.0
+"""Of the law that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 _PURPOSE = {"start": 1, "moves": 2, "settling": 3}
@@ -242,10 +244,53 @@ def differential_proposal(
     return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
 
 
-def proposed(
-    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, stretch: float, differential_evolution: float
+def independent_proposal(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Propose a differential-evolution move in a fraction of the steps, else a stretch move.
+    """Independence move.
+
+    x* is drawn from q, a Student law of `DEGREES_OF_FREEDOM` about the mean of the resting half with its covariance for a scale,
+    wherever x_i is, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))} (N. Chopin 2002, doi 10.1093/biomet/89.3.539). What is
+    accepted has forgotten where it came from, and q does not depend on what moves.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and log q(x_i)/q(x*) (ensemble, walker).
+    """
+    ensembles, walkers, dimension = moving.shape
+    middle = resting.mean(axis=1, keepdims=True)
+    covariance = np.einsum("ewi,ewj->eij", resting - middle, resting - middle) / resting.shape[1]
+    # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
+    own = np.einsum("eii->ei", covariance)
+    width = 1e-9 * np.where(own > 0.0, own, 1.0)
+    factor = np.linalg.cholesky(covariance + width[:, :, None] * np.eye(dimension))
+    tails = np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, (ensembles, walkers, 1)))
+    proposal = middle + tails * (rng.standard_normal(moving.shape) @ factor.transpose(0, 2, 1))
+
+    def log_density(x: np.ndarray) -> np.ndarray:
+        whitened = np.linalg.solve(factor, (x - middle).transpose(0, 2, 1))
+        return -0.5 * (DEGREES_OF_FREEDOM + dimension) * np.log1p((whitened**2).sum(axis=1) / DEGREES_OF_FREEDOM)
+
+    return proposal, log_density(moving) - log_density(proposal)
+
+
+def proposed(
+    rng: np.random.Generator,
+    moving: np.ndarray,
+    resting: np.ndarray,
+    stretch: float,
+    differential_evolution: float,
+    independent: float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Propose an independence move in a fraction of the steps, and in the others a differential-evolution or a stretch move.
 
     Parameters
     ----------
@@ -256,13 +301,17 @@ def proposed(
     stretch : float
         a of the stretch move.
     differential_evolution : float
-        That fraction.
+        Fraction of differential-evolution moves among those that are not independent.
+    independent : float
+        Fraction of independence moves.
 
     Returns
     -------
     tuple of ndarray
         Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
     """
+    if independent > 0.0 and rng.random() < independent:
+        return independent_proposal(rng, moving, resting)
     if rng.random() < differential_evolution:
         return differential_proposal(rng, moving, resting)
     return stretch_proposal(rng, moving, resting, stretch)

@@ -1,8 +1,9 @@
 """Tempered sequential Monte Carlo: from the prior to the posterior by degrees, and the evidence on the way.
 
 P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
-(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, so that a target needs no
-gradient: an external solver can be sampled, its failures are counted, and every stage is on disk before the next.
+(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of
+a law fitted to those at rest, so that a target needs no gradient: an external solver can be sampled, its failures are counted, and
+every stage is on disk before the next.
 """
 
 from __future__ import annotations
@@ -63,8 +64,11 @@ class SMC(Sampler):
         Moves in a stage at least and at most.
     stretch : float
         a of the stretch move.
+    independent : float
+        Fraction of the moves that are independence moves: drawn from a law fitted to the particles at rest. They forget where a
+        particle was, where a law of that kind is anything like the posterior; in dozens of parameters it is not, and 0 saves them.
     differential_evolution : float
-        Fraction of the moves that are differential-evolution moves in the place of the stretch.
+        Fraction of the other moves that are differential-evolution moves in the place of the stretch.
     """
 
     particles: int = 1000
@@ -75,6 +79,7 @@ class SMC(Sampler):
     least_moves: int = 3
     most_moves: int = 40
     stretch: float = 2.0
+    independent: float = 0.6
     differential_evolution: float = 0.5
 
     discard = 0.0  # no field: there is no start to forget
@@ -91,8 +96,9 @@ class SMC(Sampler):
         for name in ("effective_share", "correlation"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InputError(f"SMC.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
-        if not 0.0 <= self.differential_evolution <= 1.0:
-            raise InputError("SMC.differential_evolution", f"{self.differential_evolution}", "a fraction from 0 to 1")
+        for name in ("independent", "differential_evolution"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"SMC.{name}", f"{getattr(self, name)}", "a fraction from 0 to 1")
         if not self.stretch > 1.0:
             raise InputError("SMC.stretch", f"{self.stretch}", "a number above 1")
 
@@ -116,7 +122,7 @@ class SMC(Sampler):
         """The settings in a line, for a report."""
         return (
             f"tempered SMC, {self.ensembles} populations × {self.particles} particles, {self.steps} moves of the posterior, "
-            f"{self.differential_evolution:.0%} differential-evolution moves"
+            f"{self.independent:.0%} independence moves, {self.differential_evolution:.0%} of the others differential evolution"
         )
 
     def run(
@@ -376,7 +382,12 @@ def move(
     accepted = np.zeros(prior.shape, dtype=bool)
     for moving, resting in halves(settings.particles):
         proposal, log_factor = proposed(
-            rng, phi[:, moving], phi[:, resting], settings.stretch, settings.differential_evolution
+            rng,
+            phi[:, moving],
+            phi[:, resting],
+            settings.stretch,
+            settings.differential_evolution,
+            settings.independent,
         )
         parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])

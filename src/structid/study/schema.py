@@ -254,6 +254,7 @@ class SamplerSection(Section):
     steps: int | None = None
     ensembles: int | None = None
     stretch: float | None = None
+    independent: float | None = None
     differential_evolution: float | None = None
     discard: float | None = None
     start_candidates: int | None = None
