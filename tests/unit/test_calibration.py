@@ -179,7 +179,9 @@ def test_a_surrogate_that_weights_can_mend(space, model, measured, reference):
     error = np.sqrt(1.0 / result.certificate.effective_sample_size + 1.0 / 400)
     off, plain = (np.abs(found.mean - reference.mean) / reference.sd for found in (result, result.sampling))
     assert (off < 4.0 * error).all()
-    assert off[0] < 0.5 * plain[0]  # the stiffness, which the weights move most
+    # The stiffness, which the weights move most: without them it fails the same test.
+    its_own = np.sqrt(1.0 / result.sampling.summary().columns["ess_bulk"][0] + 1.0 / 400)
+    assert off[0] < plain[0] and plain[0] > 4.0 * its_own
 
 
 def test_a_mode_that_the_surrogate_has_lost(measured):

@@ -27,7 +27,7 @@ GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
 """Every so many steps is a plain ensemble move without the surrogate: walkers where it gives far too little density would never
 leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
-DECORRELATED = 0.3
+DECORRELATED = 0.2
 """Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
 
 _PURPOSE = {"start": 21, "steps": 22}
@@ -37,10 +37,10 @@ _PURPOSE = {"start": 21, "steps": 22}
 class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
-    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s, stretch and
-    differential-evolution moves that look only at the resting half, which stays where it is. Where it ends, x′, is one proposal,
-    accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a poor surrogate
-    every third, is a plain ensemble move, so that the chain is never worse by much than one without a surrogate.
+    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch,
+    differential-evolution and independence moves, which look only at the resting half, and that stays where it is. Where it ends, x′,
+    is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a
+    poor surrogate every third, is a plain ensemble move, so that the chain is never worse by much than one without a surrogate.
 
     Parameters
     ----------
@@ -63,8 +63,10 @@ class DelayedAcceptance(Sampler):
         L at most.
     stretch : float
         a of the stretch move.
+    independent : float
+        Fraction of the moves that are independence moves, drawn from a law fitted to the resting half.
     differential_evolution : float
-        Fraction of the moves that are differential-evolution moves in the place of the stretch.
+        Fraction of the other moves that are differential-evolution moves in the place of the stretch.
     """
 
     approximation: Model | Target | None = field(default=None, repr=False)
@@ -76,6 +78,7 @@ class DelayedAcceptance(Sampler):
     sub_steps: int = 16
     most_sub_steps: int = 256
     stretch: float = 2.0
+    independent: float = 0.5
     differential_evolution: float = 0.5
 
     # Sub-chains are made as long as the surrogate's posterior forgets in.
@@ -92,9 +95,9 @@ class DelayedAcceptance(Sampler):
             raise InputError("DelayedAcceptance.walkers", f"{self.walkers}", "an even number: two halves take turns")
         if not self.stretch > 1.0:
             raise InputError("DelayedAcceptance.stretch", f"{self.stretch}", "a number above 1")
-        if not 0.0 <= self.differential_evolution <= 1.0:
-            came = f"{self.differential_evolution}"
-            raise InputError("DelayedAcceptance.differential_evolution", came, "a fraction from 0 to 1")
+        for name in ("independent", "differential_evolution"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"DelayedAcceptance.{name}", f"{getattr(self, name)}", "a fraction from 0 to 1")
         if not 0.0 <= self.discard < 1.0:
             raise InputError("DelayedAcceptance.discard", f"{self.discard}", "a fraction from 0 to below 1")
         if self.tuning > int(self.discard * self.steps):
@@ -192,6 +195,11 @@ class DelayedAcceptance(Sampler):
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
+    @property
+    def _moves(self) -> tuple[float, float, float]:
+        """Which moves, as `move_walkers` takes them."""
+        return self.stretch, self.differential_evolution, self.independent
+
     def _proposing(self, target: Target) -> Target:
         """The density that makes the proposals."""
         approximation = self.approximation
@@ -251,7 +259,7 @@ class DelayedAcceptance(Sampler):
         phi, log_density, log_surrogate = (a.copy() for a in state)
         ends = phi.copy()
         accepted = np.zeros(log_density.shape, dtype=bool)
-        failed_runs = true_runs = surrogate_runs = 0
+        failed_runs = true_runs = surrogate_runs = proposals = 0
         for moving, resting in halves(self.walkers):
             proposal, value = self._sub_chain(
                 proposing, phi[:, moving], log_surrogate[:, moving], phi[:, resting], length, rng
@@ -259,6 +267,7 @@ class DelayedAcceptance(Sampler):
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
             moved = (proposal != phi[:, moving]).any(axis=2)
+            proposals += int(moved.sum())
             new_true, count, failed = _true_density(target, proposal, moved)
             true_runs, failed_runs = true_runs + count, failed_runs + failed
             # min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}
@@ -269,8 +278,10 @@ class DelayedAcceptance(Sampler):
             accepted[:, moving] = better
         state, following = TwoStageState(phi, log_density, log_surrogate), length
         if tuning:
-            following = self._tuned(length, accepted.mean(), before, ends)
-            plain_every = PLAIN_EVERY if accepted.mean() > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
+            # Sub-chains of few moves may go nowhere: the model has not refused them, and they should be longer, not shorter.
+            acceptance = float(accepted.sum()) / proposals if proposals else 1.0
+            following = self._tuned(length, acceptance, before, ends)
+            plain_every = PLAIN_EVERY if acceptance > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
         return _block(state, accepted, failed_runs, true_runs, surrogate_runs, length, following, plain_every)
 
     def _plain_step(
@@ -288,7 +299,7 @@ class DelayedAcceptance(Sampler):
         for moving, resting in halves(self.walkers):
             accepted[:, moving], failed = move_walkers(
                 rng, target, phi[:, moving], log_density[:, moving], phi[:, resting],
-                self.stretch, self.differential_evolution,
+                *self._moves,
             )  # fmt: skip
             failed_runs += failed
         log_surrogate = proposing.evaluate(phi.reshape(-1, phi.shape[2]))[0].reshape(log_surrogate.shape)
@@ -307,7 +318,7 @@ class DelayedAcceptance(Sampler):
         """L moves of one half under the surrogate's posterior, the other half frozen; where they end, and log π_s there."""
         phi, log_surrogate = phi.copy(), log_surrogate.copy()
         for _ in range(length):
-            move_walkers(rng, proposing, phi, log_surrogate, resting, self.stretch, self.differential_evolution)
+            move_walkers(rng, proposing, phi, log_surrogate, resting, *self._moves)
         return phi, log_surrogate
 
     def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:

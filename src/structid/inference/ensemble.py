@@ -464,6 +464,7 @@ def move_walkers(
     resting: np.ndarray,
     stretch: float,
     differential_evolution: float,
+    independent: float = 0.0,
 ) -> tuple[np.ndarray, int]:
     """Move one half of every ensemble, in place: one batched call of the target.
 
@@ -481,15 +482,15 @@ def move_walkers(
         The other half.
     stretch : float
         a of the stretch move.
-    differential_evolution : float
-        Fraction of the moves that are differential-evolution moves in the place of the stretch.
+    differential_evolution, independent : float
+        Fractions of the moves; see `proposed`.
 
     Returns
     -------
     tuple of ndarray of bool (ensemble, walker), int
         Which moved, and how many simulations failed.
     """
-    proposal, log_factor = proposed(rng, phi, resting, stretch, differential_evolution)
+    proposal, log_factor = proposed(rng, phi, resting, stretch, differential_evolution, independent)
     value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
     value = value.reshape(log_factor.shape)
     accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density
