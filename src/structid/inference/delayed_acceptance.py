@@ -38,8 +38,8 @@ class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
     Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch,
-    differential-evolution and independence moves, which look only at the resting half, and that stays where it is. Where it ends, x′,
-    is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a
+    differential-evolution and independence moves that look only at the resting half, which stays where it is. Where it ends, x′, is
+    one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a
     poor surrogate every third, is a plain ensemble move, so that the chain is never worse by much than one without a surrogate.
 
     Parameters
