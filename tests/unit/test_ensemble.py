@@ -124,7 +124,7 @@ def test_differential_moves_never_use_the_same_walker_twice():
 def independent_moves(monkeypatch, factor):
     """Let an ensemble make them in half of its steps, with their factor times another."""
 
-    def proposed(rng, moving, resting, stretch, differential_evolution):
+    def proposed(rng, moving, resting, stretch, *_):
         if rng.random() < 0.5:
             return stretch_proposal(rng, moving, resting, stretch)
         proposal, log_factor = independent_proposal(rng, moving, resting)
