@@ -171,7 +171,7 @@ class DelayedAcceptance(Sampler):
         if not blocks:
             state, runs, failed = self._start(target, proposing, seed, start)
             none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
-            blocks = [_block(state, none, failed, runs, 0, length, length, PLAIN_EVERY)]
+            blocks = [_block(state, none, 0, failed, runs, 0, length, length, PLAIN_EVERY)]
             keep(0, blocks[0])
         for number in range(len(blocks), self.steps):
             rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
@@ -187,10 +187,11 @@ class DelayedAcceptance(Sampler):
                 progress(number + 1, self.steps)
         every = joined(blocks, self.steps)
         kept = (np.arange(self.steps) >= int(self.discard * self.steps)) & (every["surrogate_runs"] > 0)
+        proposals = every["proposals"][kept].sum()
         cost = Cost(
             true_runs=int(every["true_runs"].sum()),
             surrogate_runs=int(every["surrogate_runs"].sum()),
-            acceptance=float(every["accepted"][kept].mean()) if kept.any() else float("nan"),
+            acceptance=float(every["accepted"][kept].sum() / proposals) if proposals else float("nan"),
             sub_steps=int(every["sub_steps"][-1]),
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
@@ -282,7 +283,9 @@ class DelayedAcceptance(Sampler):
             acceptance = float(accepted.sum()) / proposals if proposals else 1.0
             following = self._tuned(length, acceptance, before, ends)
             plain_every = PLAIN_EVERY if acceptance > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
-        return _block(state, accepted, failed_runs, true_runs, surrogate_runs, length, following, plain_every)
+        return _block(
+            state, accepted, proposals, failed_runs, true_runs, surrogate_runs, length, following, plain_every
+        )
 
     def _plain_step(
         self,
@@ -304,7 +307,7 @@ class DelayedAcceptance(Sampler):
             failed_runs += failed
         log_surrogate = proposing.evaluate(phi.reshape(-1, phi.shape[2]))[0].reshape(log_surrogate.shape)
         state = TwoStageState(phi, log_density, log_surrogate)
-        return _block(state, accepted, failed_runs, accepted.size, 0, length, length, plain_every)
+        return _block(state, accepted, accepted.size, failed_runs, accepted.size, 0, length, length, plain_every)
 
     def _sub_chain(
         self,
@@ -365,6 +368,7 @@ class TwoStageState(NamedTuple):
 def _block(
     state: TwoStageState,
     accepted: np.ndarray,
+    proposals: int,
     failed: int,
     true_runs: int,
     surrogate_runs: int,
@@ -377,6 +381,7 @@ def _block(
         "log_density": state.log_density[None],
         "log_surrogate": state.log_surrogate[None],
         "accepted": accepted[None],
+        "proposals": np.array([proposals]),
         "failed": np.array([failed]),
         "true_runs": np.array([true_runs]),
         "surrogate_runs": np.array([surrogate_runs]),
