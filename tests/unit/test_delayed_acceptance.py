@@ -69,7 +69,8 @@ def test_sub_chains_that_go_nowhere_are_lengthened():
 
 
 def test_sub_chains_are_shortened_where_proposals_are_refused():
-    bad = si.sample(gaussian(), replace(SETTINGS, approximation=gaussian(2.5, 0.5), sub_steps=64), seed=3)
+    settings = replace(SETTINGS, approximation=gaussian(2.5, 0.5), sub_steps=64, discard=0.5, tuning=30)
+    bad = si.sample(gaussian(), settings, seed=3)
     assert bad.cost.sub_steps <= 16
 
 

@@ -10,6 +10,7 @@ from structid.errors import InputError, StoreMismatchError
 from structid.inference import diagnostics
 from structid.inference.ensemble import (
     DEGREES_OF_FREEDOM,
+    LAYERS,
     differential_proposal,
     independent_proposal,
     stretch_proposal,
@@ -124,10 +125,10 @@ def test_differential_moves_never_use_the_same_walker_twice():
 def independent_moves(monkeypatch, factor):
     """Let an ensemble make them in half of its steps, with their factor times another."""
 
-    def proposed(rng, moving, resting, stretch, *_):
+    def proposed(rng, moving, resting, resting_density, stretch, *_):
         if rng.random() < 0.5:
             return stretch_proposal(rng, moving, resting, stretch)
-        proposal, log_factor = independent_proposal(rng, moving, resting)
+        proposal, log_factor = independent_proposal(rng, moving, resting, resting_density)
         return proposal, factor * log_factor
 
     monkeypatch.setattr("structid.inference.ensemble.proposed", proposed)
@@ -151,26 +152,38 @@ def test_independence_moves_without_their_factor_would_fail(monkeypatch):
 
 
 def test_independence_moves_have_the_law_of_their_factor():
+    """A mixture of Student laws of the densest walkers: factor and draws against scipy's."""
     rng = np.random.default_rng(0)
-    resting = rng.standard_normal((2, 50, 3)) @ np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.0, 3.0, 1.0]])
+    resting = rng.standard_normal((2, 100, 3)) @ np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.0, 3.0, 1.0]])
+    density = -((resting - 1.0) ** 2).sum(axis=2)
     moving = rng.standard_normal((2, 20_000, 3))
-    proposal, log_factor = independent_proposal(rng, moving, resting)
+    proposal, log_factor = independent_proposal(rng, moving, resting, density)
     for k in range(2):
-        law = scipy.stats.multivariate_t(
-            resting[k].mean(axis=0), np.cov(resting[k].T, bias=True), df=DEGREES_OF_FREEDOM
-        )
-        np.testing.assert_allclose(log_factor[k], law.logpdf(moving[k]) - law.logpdf(proposal[k]), atol=1e-3)
-        scale = np.sqrt(np.diag(law.shape))
+        laws, shares = [], []
+        for densest, share in LAYERS:
+            part = resting[k, np.argsort(-density[k])[: round(100 * densest)]]
+            laws.append(scipy.stats.multivariate_t(part.mean(0), np.cov(part.T, bias=True), df=DEGREES_OF_FREEDOM))
+            shares.append(share)
+
+        def log_law(x, laws=laws, shares=shares):
+            return scipy.special.logsumexp([law.logpdf(x) for law in laws], axis=0, b=np.array(shares)[:, None])
+
+        np.testing.assert_allclose(log_factor[k], log_law(moving[k]) - log_law(proposal[k]), atol=1e-3)
         for i in range(3):
-            standardised = (proposal[k, :, i] - law.loc[i]) / scale[i]
-            assert scipy.stats.kstest(standardised, scipy.stats.t(DEGREES_OF_FREEDOM).cdf).pvalue > 1e-3
+
+            def cdf(x, i=i, laws=laws, shares=shares):
+                each = [scipy.stats.t.cdf(x, 10.0, law.loc[i], np.sqrt(law.shape[i, i])) for law in laws]
+                return np.average(each, axis=0, weights=shares)
+
+            assert scipy.stats.kstest(proposal[k, :, i], cdf).pvalue > 1e-3
 
 
 def test_independence_moves_of_walkers_in_a_plane():
     """All copies of one, and fewer than dimensions: nothing breaks, and nothing finite comes of nothing."""
     rng = np.random.default_rng(1)
     for resting in (np.ones((2, 10, 4)), rng.standard_normal((2, 3, 4))):
-        proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), resting)
+        density = np.zeros(resting.shape[:2])
+        proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), resting, density)
         assert np.isfinite(proposal).all() and np.isfinite(log_factor).all()
 
 

@@ -263,7 +263,13 @@ class DelayedAcceptance(Sampler):
         failed_runs = true_runs = surrogate_runs = proposals = 0
         for moving, resting in halves(self.walkers):
             proposal, value = self._sub_chain(
-                proposing, phi[:, moving], log_surrogate[:, moving], phi[:, resting], length, rng
+                proposing,
+                phi[:, moving],
+                log_surrogate[:, moving],
+                phi[:, resting],
+                log_surrogate[:, resting],
+                length,
+                rng,
             )
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
@@ -301,7 +307,7 @@ class DelayedAcceptance(Sampler):
         accepted, failed_runs = np.zeros(log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
             accepted[:, moving], failed = move_walkers(
-                rng, target, phi[:, moving], log_density[:, moving], phi[:, resting],
+                rng, target, phi[:, moving], log_density[:, moving], phi[:, resting], log_density[:, resting],
                 *self._moves,
             )  # fmt: skip
             failed_runs += failed
@@ -315,13 +321,14 @@ class DelayedAcceptance(Sampler):
         phi: np.ndarray,
         log_surrogate: np.ndarray,
         resting: np.ndarray,
+        resting_surrogate: np.ndarray,
         length: int,
         rng: np.random.Generator,
     ) -> tuple[np.ndarray, np.ndarray]:
         """L moves of one half under the surrogate's posterior, the other half frozen; where they end, and log π_s there."""
         phi, log_surrogate = phi.copy(), log_surrogate.copy()
         for _ in range(length):
-            move_walkers(rng, proposing, phi, log_surrogate, resting, *self._moves)
+            move_walkers(rng, proposing, phi, log_surrogate, resting, resting_surrogate, *self._moves)
         return phi, log_surrogate
 
     def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:

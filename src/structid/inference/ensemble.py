@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from structid.errors import ConvergenceError, InputError
 from structid.inference.sampler import (
@@ -29,7 +30,9 @@ from structid.models.base import Progress
 SETTLING_GAP = 30.0
 """Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
 DEGREES_OF_FREEDOM = 10.0
-"""Of the law that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
+"""Of the laws that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
+LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
+"""Of these laws: the share of the walkers, the densest, that each is fitted to, and its share of the moves."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 _PURPOSE = {"start": 1, "moves": 2, "settling": 3}
@@ -245,13 +248,15 @@ def differential_proposal(
 
 
 def independent_proposal(
-    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, log_density: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
-    x* is drawn from q, a Student law of `DEGREES_OF_FREEDOM` about the mean of the resting half with its covariance for a scale,
-    wherever x_i is, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))} (N. Chopin 2002, doi 10.1093/biomet/89.3.539). What is
-    accepted has forgotten where it came from, and q does not depend on what moves.
+    x* is drawn from a law q that the resting half decides, wherever x_i is, and accepted with
+    min{1, π(x*) q(x_i) / (π(x_i) q(x*))} (N. Chopin 2002, doi 10.1093/biomet/89.3.539). What is accepted has forgotten where it
+    came from, and q does not depend on what moves. q is the mixture of the Student laws of `LAYERS`, each of
+    `DEGREES_OF_FREEDOM` about the mean of the densest walkers at rest with their covariance for a scale: where a narrow peak rises
+    out of a wide slope, the law of all walkers hardly ever proposes the peak, and those that are in it would not leave.
 
     Parameters
     ----------
@@ -259,6 +264,8 @@ def independent_proposal(
         Source of randomness.
     moving, resting : ndarray, shape (ensemble, walker, parameter)
         The two halves.
+    log_density : ndarray, shape (ensemble, walker)
+        Of the resting half; only its order counts.
 
     Returns
     -------
@@ -266,26 +273,51 @@ def independent_proposal(
         Proposals (ensemble, walker, parameter) and log q(x_i)/q(x*) (ensemble, walker).
     """
     ensembles, walkers, dimension = moving.shape
-    middle = resting.mean(axis=1, keepdims=True)
-    covariance = np.einsum("ewi,ewj->eij", resting - middle, resting - middle) / resting.shape[1]
-    # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
-    own = np.einsum("eii->ei", covariance)
-    width = 1e-9 * np.where(own > 0.0, own, 1.0)
-    factor = np.linalg.cholesky(covariance + width[:, :, None] * np.eye(dimension))
+    middle, factor = _layers(resting, log_density)
+    log_share = np.log([share for _, share in LAYERS])[:, None]
+    log_volume = np.log(np.einsum("elii->eli", factor)).sum(axis=2)[:, :, None]
+    whitening = np.linalg.inv(factor)
+
+    def log_law(x: np.ndarray) -> np.ndarray:
+        whitened = whitening @ (x[:, None] - middle[:, :, None]).swapaxes(2, 3)
+        student = -0.5 * (DEGREES_OF_FREEDOM + dimension) * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
+        return logsumexp(log_share - log_volume + student, axis=1)
+
+    layer = rng.choice(len(LAYERS), p=[share for _, share in LAYERS], size=(ensembles, walkers))
+    ensemble = np.arange(ensembles)[:, None]
     tails = np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, (ensembles, walkers, 1)))
-    proposal = middle + tails * (rng.standard_normal(moving.shape) @ factor.transpose(0, 2, 1))
+    steps = np.einsum("ewij,ewj->ewi", factor[ensemble, layer], rng.standard_normal(moving.shape))
+    proposal = middle[ensemble, layer] + tails * steps
+    return proposal, log_law(moving) - log_law(proposal)
 
-    def log_density(x: np.ndarray) -> np.ndarray:
-        whitened = np.linalg.solve(factor, (x - middle).transpose(0, 2, 1))
-        return -0.5 * (DEGREES_OF_FREEDOM + dimension) * np.log1p((whitened**2).sum(axis=1) / DEGREES_OF_FREEDOM)
 
-    return proposal, log_density(moving) - log_density(proposal)
+def _layers(walkers: np.ndarray, log_density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and Cholesky factor of the covariance of the densest walkers, for each of `LAYERS`.
+
+    Shapes (ensemble, layer, parameter) and (ensemble, layer, parameter, parameter).
+    """
+    ensembles, count, dimension = walkers.shape
+    ordered = np.take_along_axis(walkers, np.argsort(-log_density, axis=1, kind="stable")[:, :, None], axis=1)
+    middle = np.empty((ensembles, len(LAYERS), dimension))
+    factor = np.empty((ensembles, len(LAYERS), dimension, dimension))
+    for layer, (densest, _) in enumerate(LAYERS):
+        # No covariance from fewer than four walkers for each of its dimensions.
+        part = ordered[:, : max(round(densest * count), 4 * dimension)]
+        middle[:, layer] = part.mean(axis=1)
+        away = part - middle[:, None, layer]
+        covariance = away.swapaxes(1, 2) @ away / part.shape[1]
+        # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
+        own = np.einsum("eii->ei", covariance)
+        width = 1e-9 * np.where(own > 0.0, own, 1.0)
+        factor[:, layer] = np.linalg.cholesky(covariance + width[:, :, None] * np.eye(dimension))
+    return middle, factor
 
 
 def proposed(
     rng: np.random.Generator,
     moving: np.ndarray,
     resting: np.ndarray,
+    resting_density: np.ndarray,
     stretch: float,
     differential_evolution: float,
     independent: float = 0.0,
@@ -298,6 +330,8 @@ def proposed(
         Source of randomness.
     moving, resting : ndarray, shape (ensemble, walker, parameter)
         The two halves.
+    resting_density : ndarray, shape (ensemble, walker)
+        Log density of the resting half.
     stretch : float
         a of the stretch move.
     differential_evolution : float
@@ -311,7 +345,7 @@ def proposed(
         Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
     """
     if independent > 0.0 and rng.random() < independent:
-        return independent_proposal(rng, moving, resting)
+        return independent_proposal(rng, moving, resting, resting_density)
     if rng.random() < differential_evolution:
         return differential_proposal(rng, moving, resting)
     return stretch_proposal(rng, moving, resting, stretch)
@@ -447,7 +481,7 @@ def run_block(
     for step in range(steps):
         for moving, resting in halves(walkers):
             accepted, failed = move_walkers(
-                rng, target, phi[:, moving], density[:, moving], phi[:, resting],
+                rng, target, phi[:, moving], density[:, moving], phi[:, resting], density[:, resting],
                 settings.stretch, settings.differential_evolution,
             )  # fmt: skip
             block["accepted"][step, :, moving] = accepted
@@ -462,6 +496,7 @@ def move_walkers(
     phi: np.ndarray,
     density: np.ndarray,
     resting: np.ndarray,
+    resting_density: np.ndarray,
     stretch: float,
     differential_evolution: float,
     independent: float = 0.0,
@@ -480,6 +515,8 @@ def move_walkers(
         Its log density; changed.
     resting : ndarray, shape (ensemble, walker, parameter)
         The other half.
+    resting_density : ndarray, shape (ensemble, walker)
+        Its log density.
     stretch : float
         a of the stretch move.
     differential_evolution, independent : float
@@ -490,7 +527,7 @@ def move_walkers(
     tuple of ndarray of bool (ensemble, walker), int
         Which moved, and how many simulations failed.
     """
-    proposal, log_factor = proposed(rng, phi, resting, stretch, differential_evolution, independent)
+    proposal, log_factor = proposed(rng, phi, resting, resting_density, stretch, differential_evolution, independent)
     value, failed = target.evaluate(proposal.reshape(-1, phi.shape[2]))
     value = value.reshape(log_factor.shape)
     accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - density

@@ -42,7 +42,7 @@ class Evidence:
     each: np.ndarray
 
     @classmethod
-    def of_populations(cls, each: np.ndarray, variance: np.ndarray) -> Evidence:
+    def of_populations(cls, each: np.ndarray, variance: np.ndarray, lacking: np.ndarray) -> Evidence:
         """Average the evidence of independent populations.
 
         Parameters
@@ -50,17 +50,21 @@ class Evidence:
         each : ndarray, shape (population,)
             log Z of each.
         variance : ndarray, shape (population,)
-            Variance of each log Z if its particles were independent.
+            Variance of each log Z by its own particles.
+        lacking : ndarray, shape (population,)
+            What each log Z may lack because its particles had not come to rest.
 
         Returns
         -------
         Evidence
-            The mean of Z; its error the larger of what the populations differ by and what independent particles would have.
+            The mean of Z. Its error is the larger of what the populations differ by and what their own particles let expect,
+            and to it what they lack, with the error of that: it is no matter of chance, for all of them lack it alike.
         """
         count = len(each)
         value = float(logsumexp(each) - np.log(count))
-        between = each.var(ddof=1) if count > 1 else 0.0
-        return cls(value, float(np.sqrt(max(between, variance.mean()) / count)), each)
+        between, unsure = (each.var(ddof=1), lacking.var(ddof=1)) if count > 1 else (0.0, 0.0)
+        error = np.sqrt((max(between, variance.mean()) + unsure) / count + lacking.mean() ** 2)
+        return cls(value, float(error), each)
 
     def __str__(self) -> str:
         return f"log evidence {self.value:.2f} ± {self.error:.2f}"

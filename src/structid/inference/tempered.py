@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+import scipy.integrate
 import scipy.optimize
 from scipy.special import expit, logsumexp
 
@@ -59,14 +60,15 @@ class SMC(Sampler):
     effective_share : float
         Share of the particles that the weights of a stage leave effective: it sets Δβ.
     correlation : float
-        Particles move in a stage until no parameter correlates by more than this with where it began.
+        Particles move in a stage until no parameter, nor the log-likelihood, correlates by more than this with where it began, and
+        until the mean log-likelihood has stopped rising.
     least_moves, most_moves : int
-        Moves in a stage at least and at most.
+        Moves in a stage at least and at most. Where the most were too few, the evidence's error says so.
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves: drawn from a law fitted to the particles at rest. They forget where a
-        particle was, where a law of that kind is anything like the posterior; in dozens of parameters it is not, and 0 saves them.
+        Fraction of the moves that are independence moves: drawn from laws fitted to the particles at rest. They forget where a
+        particle was, where laws of that kind are anything like the posterior; in dozens of parameters it is not, and 0 saves them.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves in the place of the stretch.
     """
@@ -316,12 +318,22 @@ def run_stage(
         exponent=exponent,
     )
     moved, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
+    passed = [drawn.likelihood]
     for count in range(1, settings.most_moves + 1):
         moved, accepted, more = move(settings, target, moved, rng)
         failed += more
-        if count >= settings.least_moves and correlation(drawn.phi, moved.phi) < settings.correlation:
+        passed.append(moved.likelihood)
+        left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved)))
+        if count >= settings.least_moves and left < settings.correlation and _at_rest(passed):
             break
-    return moved, _block([moved], [accepted], [failed])
+    rise = (moved.likelihood - drawn.likelihood).mean(axis=1)
+    return moved, _block([moved], [accepted], [failed], rise, left)
+
+
+def _at_rest(passed: list[np.ndarray]) -> bool:
+    """Whether the mean log-likelihood, after every move so far, has gone nowhere in the later half of them, within two errors."""
+    change = passed[-1] - passed[len(passed) // 2]
+    return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
 
 
 def run_moves(
@@ -381,10 +393,12 @@ def move(
     failed_simulations = 0
     accepted = np.zeros(prior.shape, dtype=bool)
     for moving, resting in halves(settings.particles):
+        now = tempered(prior, likelihood, population.exponent)
         proposal, log_factor = proposed(
             rng,
             phi[:, moving],
             phi[:, resting],
+            now[:, resting],
             settings.stretch,
             settings.differential_evolution,
             settings.independent,
@@ -392,9 +406,8 @@ def move(
         parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())
-        now = tempered(prior[:, moving], likelihood[:, moving], population.exponent)
         then = tempered(new_prior, new_likelihood, population.exponent)
-        better = np.log(rng.random(log_factor.shape)) < log_factor + then - now
+        better = np.log(rng.random(log_factor.shape)) < log_factor + then - now[:, moving]
         phi[:, moving][better] = proposal[better]
         prior[:, moving][better] = new_prior[better]
         likelihood[:, moving][better] = new_likelihood[better]
@@ -443,35 +456,61 @@ def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
 
 
-def _block(populations: list[Population], accepted: list[np.ndarray], failed: list[int]) -> Block:
+def _block(
+    populations: list[Population],
+    accepted: list[np.ndarray],
+    failed: list[int],
+    rise: np.ndarray | None = None,
+    left: float = 0.0,
+) -> Block:
+    """A block of the steps; of a stage, how far its mean log-likelihoods rose, and the correlation left with where it began."""
     several = ("phi", "prior", "likelihood", "log_density", "exponent")
     block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
     moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)
-    return block | {"accepted": moved, "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int)}
+    return block | {
+        "accepted": moved,
+        "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
+        "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
+        "left": np.full(len(populations), left),
+    }
 
 
-def evidence_of(stages: list[Population]) -> Evidence:
+def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) -> Evidence:
     """Evidence from the particles of all stages.
+
+    Weighing and drawing anew should leave particles of the next exponent's law, which moves do not change on average. Where a
+    narrow peak takes over, too few of them are on it: they lag behind, and their mean log-likelihood rises while they move. Of
+    such a deficit D the share ρ is left when they correlate by ρ with where they began: after a rise of (1 − ρ) D, ρ D.
 
     Parameters
     ----------
     stages : list of Population
         From β = 0 to β = 1.
+    rise : ndarray, shape (stage, ensemble)
+        Of the mean log-likelihoods while the particles moved.
+    left : ndarray, shape (stage,)
+        ρ, the correlation at the end of each stage with where it began.
 
     Returns
     -------
     Evidence
         Σ log Z_{k+1}/Z_k of each population, and their mean.
     """
+    left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
     each = np.zeros(len(stages[0].prior))
     variance = np.zeros_like(each)
-    for now, then in itertools.pairwise(stages):
+    for stage, (now, then) in enumerate(itertools.pairwise(stages)):
         for row in range(len(each)):
             increment = then.exponent - now.exponent
             ratio, own = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
             each[row] += ratio
-            variance[row] += own
-    return Evidence.of_populations(each, variance)
+            # Stages that correlate by ρ, each with the next, add up to a variance (1 + ρ) / (1 − ρ) times that of independent ones.
+            variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
+    # log Z = ∫ ⟨log L⟩ dβ (thermodynamic integration): what mean log-likelihoods lack, log Z lacks.
+    lacking = scipy.integrate.trapezoid(
+        rise * (left / (1.0 - left))[:, None], [stage.exponent for stage in stages], axis=0
+    )
+    return Evidence.of_populations(each, variance, lacking)
 
 
 def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
@@ -515,5 +554,7 @@ def _drawn(blocks: list[Block], steps: int) -> Drawn:
         kept["log_density"],
         kept["accepted"],
         int(sum(b["failed"].sum() for b in blocks)),
-        evidence_of([Population.of(b) for b in stages]),
+        evidence_of(
+            [Population.of(b) for b in stages], *(np.concatenate([b[n] for b in stages]) for n in ("rise", "left"))
+        ),
     )
