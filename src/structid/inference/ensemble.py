@@ -273,8 +273,10 @@ def independent_proposal(
         Proposals (ensemble, walker, parameter) and log q(x_i)/q(x*) (ensemble, walker).
     """
     ensembles, walkers, dimension = moving.shape
-    middle, factor = _layers(resting, log_density)
-    log_share = np.log([share for _, share in LAYERS])[:, None]
+    sizes = _layers(resting.shape[1], dimension)
+    shares = list(sizes.values())
+    middle, factor = _fitted(resting, log_density, list(sizes))
+    log_share = np.log(shares)[:, None]
     log_volume = np.log(np.einsum("elii->eli", factor)).sum(axis=2)[:, :, None]
     whitening = np.linalg.inv(factor)
 
@@ -283,7 +285,7 @@ def independent_proposal(
         student = -0.5 * (DEGREES_OF_FREEDOM + dimension) * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
         return logsumexp(log_share - log_volume + student, axis=1)
 
-    layer = rng.choice(len(LAYERS), p=[share for _, share in LAYERS], size=(ensembles, walkers))
+    layer = rng.choice(len(shares), p=shares, size=(ensembles, walkers))
     ensemble = np.arange(ensembles)[:, None]
     tails = np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, (ensembles, walkers, 1)))
     steps = np.einsum("ewij,ewj->ewi", factor[ensemble, layer], rng.standard_normal(moving.shape))
@@ -291,26 +293,32 @@ def independent_proposal(
     return proposal, log_law(moving) - log_law(proposal)
 
 
-def _layers(walkers: np.ndarray, log_density: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and Cholesky factor of the covariance of the densest walkers, for each of `LAYERS`.
+def _layers(walkers: int, dimension: int) -> dict[int, float]:
+    """How many walkers, the densest, each law of `LAYERS` is fitted to, and its share of the moves."""
+    sizes: dict[int, float] = {}
+    for densest, share in LAYERS:
+        # No covariance from fewer than four walkers for each of its dimensions; of few walkers, several layers are one.
+        size = min(walkers, max(round(densest * walkers), 4 * dimension))
+        sizes[size] = sizes.get(size, 0.0) + share
+    return sizes
+
+
+def _fitted(walkers: np.ndarray, log_density: np.ndarray, sizes: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and Cholesky factor of the covariance of the densest so many walkers, for several such numbers.
 
     Shapes (ensemble, layer, parameter) and (ensemble, layer, parameter, parameter).
     """
-    ensembles, count, dimension = walkers.shape
     ordered = np.take_along_axis(walkers, np.argsort(-log_density, axis=1, kind="stable")[:, :, None], axis=1)
-    middle = np.empty((ensembles, len(LAYERS), dimension))
-    factor = np.empty((ensembles, len(LAYERS), dimension, dimension))
-    for layer, (densest, _) in enumerate(LAYERS):
-        # No covariance from fewer than four walkers for each of its dimensions.
-        part = ordered[:, : max(round(densest * count), 4 * dimension)]
-        middle[:, layer] = part.mean(axis=1)
-        away = part - middle[:, None, layer]
-        covariance = away.swapaxes(1, 2) @ away / part.shape[1]
-        # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
-        own = np.einsum("eii->ei", covariance)
-        width = 1e-9 * np.where(own > 0.0, own, 1.0)
-        factor[:, layer] = np.linalg.cholesky(covariance + width[:, :, None] * np.eye(dimension))
-    return middle, factor
+    middles, covariances = [], []
+    for size in sizes:
+        middles.append(ordered[:, :size].mean(axis=1))
+        away = ordered[:, :size] - middles[-1][:, None]
+        covariances.append(away.swapaxes(1, 2) @ away / size)
+    covariance = np.stack(covariances, axis=1)
+    # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
+    own = np.einsum("elii->eli", covariance)
+    width = 1e-9 * np.where(own > 0.0, own, 1.0)
+    return np.stack(middles, axis=1), np.linalg.cholesky(covariance + width[..., None] * np.eye(walkers.shape[2]))
 
 
 def proposed(
