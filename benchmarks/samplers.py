@@ -199,16 +199,22 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
     design = posterior.model_space.sample(200, seed=3, method="sobol", widen=2.0)
     record = posterior.observations[0].record
     everywhere = si.Campaign(posterior.model, record, design).run()
-    surrogates = {
-        f"the calibrated surrogate ({calibrated.training_runs} runs)": (calibrated.surrogate, calibrated.training_runs),
-        "one of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200),
-        "a bad one, of 100": (si.PODKriging().fit(everywhere[:100]), 100),
+    # A few walkers that the model refuses for long decide how many draws are effective: several seeds.
+    calibrated_ones = {
+        f"the calibrated surrogate ({calibrated.training_runs} runs), seed {seed}": (
+            calibrated.surrogate, calibrated.training_runs, seed,
+        )
+        for seed in ((3,) if quick else (3, 4, 5))
+    }  # fmt: skip
+    surrogates = calibrated_ones | {
+        "one of 200 runs over the prior": (si.PODKriging().fit(everywhere), 200, 3),
+        "a bad one, of 100": (si.PODKriging().fit(everywhere[:100]), 100, 3),
     }
-    for label, (surrogate, training) in surrogates.items():
+    for label, (surrogate, training, seed) in surrogates.items():
         # As many effective draws as the plain ensemble has given, or about.
         steps = 60 if quick else 1500 if "bad" in label else 200 if "over" in label else 100
         result = si.sample(
-            posterior, si.DelayedAcceptance(surrogate, steps=steps, discard=max(0.1, 10 / steps)), seed=3
+            posterior, si.DelayedAcceptance(surrogate, steps=steps, discard=max(0.1, 10 / steps)), seed=seed
         )
         assert result.cost is not None
         size, spent = smallest_size(result.kept), result.cost.true_runs + training
