@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import scipy.signal
+import scipy.special
 import scipy.stats
 
 import structid as si
@@ -172,7 +173,7 @@ def test_independence_moves_have_the_law_of_their_factor():
         for i in range(3):
 
             def cdf(x, i=i, laws=laws, shares=shares):
-                each = [scipy.stats.t.cdf(x, 10.0, law.loc[i], np.sqrt(law.shape[i, i])) for law in laws]
+                each = [scipy.stats.t.cdf(x, DEGREES_OF_FREEDOM, law.loc[i], np.sqrt(law.shape[i, i])) for law in laws]
                 return np.average(each, axis=0, weights=shares)
 
             assert scipy.stats.kstest(proposal[k, :, i], cdf).pvalue > 1e-3
