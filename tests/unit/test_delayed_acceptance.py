@@ -53,12 +53,36 @@ def test_the_draws_are_the_model_s_whatever_the_surrogate(shift, scale):
 
 def test_a_perfect_surrogate_makes_every_true_run_a_draw():
     target = Counted()
-    result = si.sample(target, replace(SETTINGS, approximation=gaussian(), sub_steps=1, steps=200), seed=2)
+    local = dict(independent=0.0, sub_steps=1)
+    result = si.sample(target, replace(SETTINGS, approximation=gaussian(), steps=200, **local), seed=2)
     assert result.cost.true_runs == target.asked
     assert result.cost.acceptance == 1.0 and result.cost.sub_steps >= 8
     assert result.cost.speed_up > 5.0
     assert result.summary().columns["ess_bulk"].min() > 0.5 * len(result.flat)
     assert "moves for each true run" in str(result.cost)
+
+
+def test_the_law_of_independence_moves_is_learnt_while_tuning_and_then_stays():
+    """A law that went on learning from the chain that it moves would make that no Markov chain."""
+    blocks = []
+    settings = replace(SETTINGS, approximation=gaussian(), steps=30, discard=0.5)
+    settings.run(gaussian(), 7, None, [], lambda _index, block: blocks.append(block))
+    learnt, last, early = (settings._moves(blocks[:count]).law for count in (settings.tuning, 30, 3))
+    np.testing.assert_array_equal(learnt.middle, last.middle)
+    np.testing.assert_array_equal(learnt.factor, last.factor)
+    assert not np.allclose(learnt.middle, early.middle)
+    # Of 5 steps of 128 walkers: the posterior's own covariance in its widest layer, which a half of 16 walkers does not give.
+    covariance = learnt.factor[0, 0] @ learnt.factor[0, 0].T
+    np.testing.assert_allclose(covariance, np.linalg.inv(PRECISION), atol=0.25)
+
+
+def test_a_learnt_law_needs_shorter_sub_chains():
+    """Independence moves forget where they came from; local ones need a longer sub-chain for the same."""
+    lengths = [
+        si.sample(gaussian(), replace(SETTINGS, approximation=gaussian(), sub_steps=1, independent=share), seed=2).cost
+        for share in (0.0, 0.5)
+    ]
+    assert lengths[1].sub_steps < lengths[0].sub_steps
 
 
 def test_sub_chains_that_go_nowhere_are_lengthened():

@@ -9,9 +9,11 @@ import scipy.stats
 import structid as si
 from structid.errors import InputError, StoreMismatchError
 from structid.inference import diagnostics
-from structid.inference.ensemble import (
+from structid.inference.moves import (
     DEGREES_OF_FREEDOM,
     LAYERS,
+    EnsembleState,
+    IndependenceLaw,
     differential_proposal,
     independent_proposal,
     stretch_proposal,
@@ -85,7 +87,7 @@ def test_the_printed_move_would_fail(monkeypatch):
         )
         return moving + z[:, :, None] * (anchor - moving), (dimension - 1.0) * np.log(z)
 
-    monkeypatch.setattr("structid.inference.ensemble.stretch_proposal", printed)
+    monkeypatch.setattr("structid.inference.moves.stretch_proposal", printed)
     result = si.sample(gaussian(), si.AIES(walkers=40, steps=4000, ensembles=4), seed=11)
     z_mean, z_sd = moment_errors(result, MEAN, np.sqrt(np.diag(COVARIANCE)))
     assert max(np.abs(z_mean).max(), np.abs(z_sd).max()) > 8.0
@@ -126,13 +128,13 @@ def test_differential_moves_never_use_the_same_walker_twice():
 def independent_moves(monkeypatch, factor):
     """Let an ensemble make them in half of its steps, with their factor times another."""
 
-    def proposed(rng, moving, resting, resting_density, stretch, *_):
+    def propose(moves, rng, moving, resting):
         if rng.random() < 0.5:
-            return stretch_proposal(rng, moving, resting, stretch)
-        proposal, log_factor = independent_proposal(rng, moving, resting, resting_density)
+            return stretch_proposal(rng, moving, resting.phi, moves.stretch)
+        proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(resting))
         return proposal, factor * log_factor
 
-    monkeypatch.setattr("structid.inference.ensemble.proposed", proposed)
+    monkeypatch.setattr("structid.inference.moves.Moves.propose", propose)
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -158,7 +160,7 @@ def test_independence_moves_have_the_law_of_their_factor():
     resting = rng.standard_normal((2, 100, 3)) @ np.array([[1.0, 0.0, 0.0], [0.9, 0.1, 0.0], [0.0, 3.0, 1.0]])
     density = -((resting - 1.0) ** 2).sum(axis=2)
     moving = rng.standard_normal((2, 20_000, 3))
-    proposal, log_factor = independent_proposal(rng, moving, resting, density)
+    proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(EnsembleState(resting, density)))
     for k in range(2):
         laws, shares = [], []
         for densest, share in LAYERS:
@@ -183,8 +185,8 @@ def test_independence_moves_of_walkers_in_a_plane():
     """All copies of one, and fewer than dimensions: nothing breaks, and nothing finite comes of nothing."""
     rng = np.random.default_rng(1)
     for resting in (np.ones((2, 10, 4)), rng.standard_normal((2, 3, 4))):
-        density = np.zeros(resting.shape[:2])
-        proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), resting, density)
+        law = IndependenceLaw.fitted(EnsembleState(resting, np.zeros(resting.shape[:2])))
+        proposal, log_factor = independent_proposal(rng, rng.standard_normal((2, 10, 4)), law)
         assert np.isfinite(proposal).all() and np.isfinite(log_factor).all()
 
 

@@ -162,7 +162,7 @@ def test_evidence_where_a_peak_takes_over():
 
 def test_particles_that_lag_behind_say_so(monkeypatch):
     """Independence moves by the law of all particles alone do not reach the peak that takes over: populations are wrong alike."""
-    monkeypatch.setattr("structid.inference.ensemble.LAYERS", ((1.0, 1.0),))
+    monkeypatch.setattr("structid.inference.moves.LAYERS", ((1.0, 1.0),))
     problem = PowerLaw()
     evidence = si.sample(problem.target, replace(SMALL, particles=400, correlation=0.3, steps=1), seed=2).log_evidence
     error = evidence.value - problem.log_evidence

@@ -13,7 +13,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.ensemble import halves, move_walkers
+from structid.inference.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
 from structid.inference.posterior import Posterior
 from structid.inference.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
 from structid.inference.starting import tempered_draws
@@ -38,9 +38,10 @@ class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
     Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch,
-    differential-evolution and independence moves that look only at the resting half, which stays where it is. Where it ends, x′, is
-    one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of the model for each. Every twentieth step, with a
-    poor surrogate every third, is a plain ensemble move, so that the chain is never worse by much than one without a surrogate.
+    differential-evolution moves that look only at the resting half, which stays where it is, and independence moves by a law that
+    is learnt in the first steps. Where it ends, x′, is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of
+    the model for each. Every twentieth step, with a poor surrogate every third, is a plain ensemble move, so that the chain is
+    never worse by much than one without a surrogate.
 
     Parameters
     ----------
@@ -56,7 +57,8 @@ class DelayedAcceptance(Sampler):
     discard : float
         Fraction of the steps dropped at the start.
     tuning : int
-        First steps during which L is tuned by the acceptance; they must lie within the discarded part.
+        First steps during which L is tuned by the acceptance, and the law of the independence moves is learnt; they must lie within
+        the discarded part.
     sub_steps : int
         L to begin with.
     most_sub_steps : int
@@ -64,7 +66,7 @@ class DelayedAcceptance(Sampler):
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves, drawn from a law fitted to the resting half.
+        Fraction of the moves that are independence moves: drawn from a law fitted to all walkers of the later half of the tuning.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves in the place of the stretch.
     """
@@ -177,10 +179,11 @@ class DelayedAcceptance(Sampler):
             rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
             plain_every = int(last["plain_every"][-1])
+            moves = self._moves(blocks)
             if number >= self.tuning and number % plain_every == plain_every - 1:
-                block = self._plain_step(target, proposing, state, length, plain_every, rng)
+                block = self._plain_step(target, proposing, state, moves, length, plain_every, rng)
             else:
-                block = self._step(target, proposing, state, length, plain_every, number < self.tuning, rng)
+                block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
             if progress is not None:
@@ -196,10 +199,15 @@ class DelayedAcceptance(Sampler):
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
-    @property
-    def _moves(self) -> tuple[float, float, float]:
-        """Which moves, as `move_walkers` takes them."""
-        return self.stretch, self.differential_evolution, self.independent
+    def _moves(self, blocks: list[Block]) -> Moves:
+        """Which moves, with a law for those that are independent."""
+        # All walkers in the later half of the steps that tune: many more than rest in one ensemble. After them it stays as it is.
+        last = min(len(blocks), max(self.tuning, 1))
+        learnt = [TwoStageState.of(block) for block in blocks[last // 2 : last]]
+        phi, log_surrogate = (np.stack([getattr(s, name) for s in learnt]) for name in ("phi", "log_surrogate"))
+        together = EnsembleState(phi.reshape(1, -1, phi.shape[-1]), log_surrogate.reshape(1, -1))
+        law = IndependenceLaw.fitted(together).shared_by(self.ensembles)
+        return Moves(self.stretch, self.differential_evolution, self.independent, law)
 
     def _proposing(self, target: Target) -> Target:
         """The density that makes the proposals."""
@@ -250,27 +258,24 @@ class DelayedAcceptance(Sampler):
         target: Target,
         proposing: Target,
         state: TwoStageState,
+        moves: Moves,
         length: int,
         plain_every: int,
         tuning: bool,
         rng: np.random.Generator,
     ) -> Block:
         """Move one half of every ensemble, then the other: a sub-chain and a true run for each walker."""
-        before = state.phi
-        phi, log_density, log_surrogate = (a.copy() for a in state)
+        before, state = state.phi, state.copied()
+        phi, log_density, log_surrogate = state
         ends = phi.copy()
         accepted = np.zeros(log_density.shape, dtype=bool)
         failed_runs = true_runs = surrogate_runs = proposals = 0
         for moving, resting in halves(self.walkers):
-            proposal, value = self._sub_chain(
-                proposing,
-                phi[:, moving],
-                log_surrogate[:, moving],
-                phi[:, resting],
-                log_surrogate[:, resting],
-                length,
-                rng,
-            )
+            # L moves of one half under the surrogate's posterior, the other half frozen: where they end, and log π_s there.
+            half = state.under_surrogate.part(moving).copied()
+            for _ in range(length):
+                move_walkers(rng, proposing, half, state.under_surrogate.part(resting), moves)
+            proposal, value = half
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
             moved = (proposal != phi[:, moving]).any(axis=2)
@@ -283,7 +288,7 @@ class DelayedAcceptance(Sampler):
             phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
             log_surrogate[:, moving][better] = value[better]
             accepted[:, moving] = better
-        state, following = TwoStageState(phi, log_density, log_surrogate), length
+        following = length
         if tuning:
             # Sub-chains of few moves may go nowhere: the model has not refused them, and they should be longer, not shorter.
             acceptance = float(accepted.sum()) / proposals if proposals else 1.0
@@ -298,38 +303,21 @@ class DelayedAcceptance(Sampler):
         target: Target,
         proposing: Target,
         state: TwoStageState,
+        moves: Moves,
         length: int,
         plain_every: int,
         rng: np.random.Generator,
     ) -> Block:
         """The same by a single ensemble move, without the surrogate."""
-        phi, log_density, log_surrogate = (a.copy() for a in state)
-        accepted, failed_runs = np.zeros(log_density.shape, dtype=bool), 0
+        state = state.copied()
+        accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
-            accepted[:, moving], failed = move_walkers(
-                rng, target, phi[:, moving], log_density[:, moving], phi[:, resting], log_density[:, resting],
-                *self._moves,
-            )  # fmt: skip
+            model = state.under_model
+            accepted[:, moving], failed = move_walkers(rng, target, model.part(moving), model.part(resting), moves)
             failed_runs += failed
-        log_surrogate = proposing.evaluate(phi.reshape(-1, phi.shape[2]))[0].reshape(log_surrogate.shape)
-        state = TwoStageState(phi, log_density, log_surrogate)
+        log_surrogate = proposing.evaluate(state.phi.reshape(-1, state.phi.shape[2]))[0]
+        state = state._replace(log_surrogate=log_surrogate.reshape(state.log_surrogate.shape))
         return _block(state, accepted, accepted.size, failed_runs, accepted.size, 0, length, length, plain_every)
-
-    def _sub_chain(
-        self,
-        proposing: Target,
-        phi: np.ndarray,
-        log_surrogate: np.ndarray,
-        resting: np.ndarray,
-        resting_surrogate: np.ndarray,
-        length: int,
-        rng: np.random.Generator,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """L moves of one half under the surrogate's posterior, the other half frozen; where they end, and log π_s there."""
-        phi, log_surrogate = phi.copy(), log_surrogate.copy()
-        for _ in range(length):
-            move_walkers(rng, proposing, phi, log_surrogate, resting, resting_surrogate, *self._moves)
-        return phi, log_surrogate
 
     def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:
         """L of the next step: longer while most proposals are accepted and still resemble where they began."""
@@ -370,6 +358,26 @@ class TwoStageState(NamedTuple):
             Where to go on.
         """
         return cls(block["phi"][-1], block["log_density"][-1], block["log_surrogate"][-1])
+
+    @property
+    def under_model(self) -> EnsembleState:
+        """Walkers and their density under the model itself; views."""
+        return EnsembleState(self.phi, self.log_density)
+
+    @property
+    def under_surrogate(self) -> EnsembleState:
+        """Walkers and their density under the surrogate; views."""
+        return EnsembleState(self.phi, self.log_surrogate)
+
+    def copied(self) -> TwoStageState:
+        """The same in arrays of its own.
+
+        Returns
+        -------
+        TwoStageState
+            Copies of the arrays.
+        """
+        return TwoStageState(self.phi.copy(), self.log_density.copy(), self.log_surrogate.copy())
 
 
 def _block(

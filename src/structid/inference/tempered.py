@@ -18,7 +18,7 @@ import scipy.optimize
 from scipy.special import expit, logsumexp
 
 from structid.errors import ConvergenceError, InputError
-from structid.inference.ensemble import halves, proposed
+from structid.inference.moves import EnsembleState, Moves, halves
 from structid.inference.sampler import (
     BLOCK_STEPS,
     Block,
@@ -390,19 +390,12 @@ def move(
         After, which moved, and how many simulations failed.
     """
     phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
+    moves = Moves(settings.stretch, settings.differential_evolution, settings.independent)
     failed_simulations = 0
     accepted = np.zeros(prior.shape, dtype=bool)
     for moving, resting in halves(settings.particles):
         now = tempered(prior, likelihood, population.exponent)
-        proposal, log_factor = proposed(
-            rng,
-            phi[:, moving],
-            phi[:, resting],
-            now[:, resting],
-            settings.stretch,
-            settings.differential_evolution,
-            settings.independent,
-        )
+        proposal, log_factor = moves.propose(rng, phi[:, moving], EnsembleState(phi, now).part(resting))
         parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())

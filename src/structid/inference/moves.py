@@ -1,0 +1,372 @@
+"""Moves of an ensemble's walkers: half of them move, and look at the other half, which rests.
+
+J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
+doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1; independence
+moves as N. Chopin (2002), doi 10.1093/biomet/89.3.539, makes them with particles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structid.inference.target import Target
+
+DEGREES_OF_FREEDOM = 10.0
+"""Of the laws that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
+LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
+"""Of these laws: the share of the walkers, the densest, that each is fitted to, and its share of the moves."""
+
+
+class EnsembleState(NamedTuple):
+    """Where every walker is. With the seed and the block's number it decides all that follows.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, walker, parameter)
+        Unconstrained coordinates.
+    log_density : ndarray, shape (ensemble, walker)
+        Their log density.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+
+    def part(self, walkers: slice) -> EnsembleState:
+        """Some walkers of every ensemble; what is changed in them is changed here.
+
+        Parameters
+        ----------
+        walkers : slice
+            Which.
+
+        Returns
+        -------
+        EnsembleState
+            Views of the arrays.
+        """
+        return EnsembleState(self.phi[:, walkers], self.log_density[:, walkers])
+
+    def copied(self) -> EnsembleState:
+        """The same in arrays of its own.
+
+        Returns
+        -------
+        EnsembleState
+            Copies of the arrays.
+        """
+        return EnsembleState(self.phi.copy(), self.log_density.copy())
+
+
+def halves(walkers: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Split an ensemble: first one half moves and the other rests, then the other way round.
+
+    Parameters
+    ----------
+    walkers : int
+        In an ensemble; an even number.
+
+    Returns
+    -------
+    tuple of tuple of slice
+        Moving and resting walkers, twice.
+    """
+    first, second = slice(0, walkers // 2), slice(walkers // 2, None)
+    return (first, second), (second, first)
+
+
+def stretch_proposal(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, a: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stretch move.
+
+    x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with
+    min{1, Z^(d−1) π(x*)/π(x_i)}. (The source prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
+    belongs to.)
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+    a : float
+        Stretch parameter.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and the log of the factor Z^(d−1) (ensemble, walker).
+    """
+    ensembles, walkers, dimension = moving.shape
+    # Inverse of the cdf of g: √z is uniform between 1/√a and √a.
+    z = ((a - 1.0) * rng.random((ensembles, walkers)) + 1.0) ** 2 / a
+    partner = rng.integers(resting.shape[1], size=(ensembles, walkers))
+    anchor = np.take_along_axis(resting, partner[:, :, None], axis=1)
+    return anchor + z[:, :, None] * (moving - anchor), (dimension - 1.0) * np.log(z)
+
+
+def differential_proposal(
+    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Differential-evolution move.
+
+    x* = x_i + γ (x_j − x_k) with two different walkers of the resting half and γ = 2.38/√(2d), in a tenth of the moves γ = 1
+    (which jumps between modes), each γ spread by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving, resting : ndarray, shape (ensemble, walker, parameter)
+        The two halves.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and zeros (ensemble, walker).
+    """
+    ensembles, walkers, dimension = moving.shape
+    count = resting.shape[1]
+    first = rng.integers(count, size=(ensembles, walkers))
+    second = (first + rng.integers(1, count, size=(ensembles, walkers))) % count
+    difference = np.take_along_axis(resting, first[:, :, None], 1) - np.take_along_axis(resting, second[:, :, None], 1)
+    gamma = np.where(rng.random((ensembles, walkers)) < 0.1, 1.0, 2.38 / np.sqrt(2.0 * dimension))
+    gamma = gamma * (1.0 + 0.05 * rng.standard_normal((ensembles, walkers)))
+    return moving + gamma[:, :, None] * difference, np.zeros((ensembles, walkers))
+
+
+class IndependenceLaw(NamedTuple):
+    """A mixture of Student laws from which independence moves are drawn.
+
+    Each is of `DEGREES_OF_FREEDOM`, about the mean of some walkers with their covariance for a scale: of all, or of the densest, as
+    `LAYERS` says. Where a narrow peak rises out of a wide slope, the law of all walkers hardly ever proposes the peak, and those
+    that are in it would not leave.
+
+    Parameters
+    ----------
+    middle : ndarray, shape (ensemble, layer, parameter)
+        Where each layer is.
+    factor : ndarray, shape (ensemble, layer, parameter, parameter)
+        Cholesky factor of its covariance.
+    share : ndarray, shape (layer,)
+        Its share of the moves.
+    """
+
+    middle: np.ndarray
+    factor: np.ndarray
+    share: np.ndarray
+
+    @classmethod
+    def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
+        """The law of some walkers, for every ensemble its own.
+
+        Parameters
+        ----------
+        walkers : EnsembleState
+            Others than those that it moves, or of the past of a chain, whose law then stays as it is. Of their density only the
+            order counts.
+
+        Returns
+        -------
+        IndependenceLaw
+            What they let one guess of the posterior.
+        """
+        sizes = _layers(*walkers.phi.shape[1:])
+        middle, factor = _layered(walkers, list(sizes))
+        return cls(middle, factor, np.array(list(sizes.values())))
+
+    def shared_by(self, ensembles: int) -> IndependenceLaw:
+        """The law of a single ensemble, for several.
+
+        Parameters
+        ----------
+        ensembles : int
+            How many.
+
+        Returns
+        -------
+        IndependenceLaw
+            The same for each.
+        """
+        return self._replace(
+            middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
+        )
+
+    def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
+        """Draw from the law of every ensemble.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        count : int
+            Draws for each ensemble.
+
+        Returns
+        -------
+        ndarray, shape (ensemble, count, parameter)
+            Unconstrained coordinates.
+        """
+        ensembles, layers, dimension = self.middle.shape
+        layer = rng.choice(layers, p=self.share, size=(ensembles, count))
+        ensemble = np.arange(ensembles)[:, None]
+        tails = np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, (ensembles, count, 1)))
+        normal = rng.standard_normal((ensembles, count, dimension))
+        return self.middle[ensemble, layer] + tails * np.einsum("ewij,ewj->ewi", self.factor[ensemble, layer], normal)
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log q, but for a constant.
+
+        Parameters
+        ----------
+        x : ndarray, shape (ensemble, walker, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        ndarray, shape (ensemble, walker)
+            Of each ensemble's own law.
+        """
+        log_share = np.log(self.share)[:, None]
+        log_volume = np.log(np.einsum("elii->eli", self.factor)).sum(axis=2)[:, :, None]
+        whitened = np.linalg.inv(self.factor) @ (x[:, None] - self.middle[:, :, None]).swapaxes(2, 3)
+        exponent = -0.5 * (DEGREES_OF_FREEDOM + x.shape[2])
+        student = exponent * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
+        return logsumexp(log_share - log_volume + student, axis=1)
+
+
+def _layers(walkers: int, dimension: int) -> dict[int, float]:
+    """How many walkers, the densest, each law of `LAYERS` is fitted to, and its share of the moves."""
+    sizes: dict[int, float] = {}
+    for densest, share in LAYERS:
+        # No covariance from fewer than four walkers for each of its dimensions; of few walkers, several layers are one.
+        size = min(walkers, max(round(densest * walkers), 4 * dimension))
+        sizes[size] = sizes.get(size, 0.0) + share
+    return sizes
+
+
+def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and Cholesky factor of the covariance of the densest so many walkers, for several such numbers.
+
+    Shapes (ensemble, layer, parameter) and (ensemble, layer, parameter, parameter).
+    """
+    order = np.argsort(-walkers.log_density, axis=1, kind="stable")
+    ordered = np.take_along_axis(walkers.phi, order[:, :, None], axis=1)
+    middles, covariances = [], []
+    for size in sizes:
+        middles.append(ordered[:, :size].mean(axis=1))
+        away = ordered[:, :size] - middles[-1][:, None]
+        covariances.append(away.swapaxes(1, 2) @ away / size)
+    covariance = np.stack(covariances, axis=1)
+    # Few walkers, or copies of one another, may lie in a plane: a little width across it keeps the factor regular.
+    own = np.einsum("elii->eli", covariance)
+    width = 1e-9 * np.where(own > 0.0, own, 1.0)
+    return np.stack(middles, axis=1), np.linalg.cholesky(covariance + width[..., None] * np.eye(ordered.shape[2]))
+
+
+def independent_proposal(
+    rng: np.random.Generator, moving: np.ndarray, law: IndependenceLaw
+) -> tuple[np.ndarray, np.ndarray]:
+    """Independence move.
+
+    x* is drawn from a law q, wherever x_i is, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. What is accepted has
+    forgotten where it came from.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    moving : ndarray, shape (ensemble, walker, parameter)
+        The half that moves.
+    law : IndependenceLaw
+        q, which does not depend on what moves.
+
+    Returns
+    -------
+    tuple of ndarray
+        Proposals (ensemble, walker, parameter) and log q(x_i)/q(x*) (ensemble, walker).
+    """
+    proposal = law.draw(rng, moving.shape[1])
+    return proposal, law.log_density(moving) - law.log_density(proposal)
+
+
+@dataclass(frozen=True)
+class Moves:
+    """Which moves walkers make.
+
+    Parameters
+    ----------
+    stretch : float
+        a of the stretch move.
+    differential_evolution : float
+        Fraction of differential-evolution moves among those that are not independent.
+    independent : float
+        Fraction of independence moves.
+    law : IndependenceLaw, optional
+        What those are drawn from; fitted to the resting half, anew for each of them, when left out.
+    """
+
+    stretch: float
+    differential_evolution: float
+    independent: float = 0.0
+    law: IndependenceLaw | None = None
+
+    def propose(
+        self, rng: np.random.Generator, moving: np.ndarray, resting: EnsembleState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Propose a place for every walker of a half, by a move that is drawn for all of them.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        moving : ndarray, shape (ensemble, walker, parameter)
+            Where the half is that moves.
+        resting : EnsembleState
+            The other half.
+
+        Returns
+        -------
+        tuple of ndarray
+            Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
+        """
+        if self.independent > 0.0 and rng.random() < self.independent:
+            return independent_proposal(rng, moving, self.law or IndependenceLaw.fitted(resting))
+        if rng.random() < self.differential_evolution:
+            return differential_proposal(rng, moving, resting.phi)
+        return stretch_proposal(rng, moving, resting.phi, self.stretch)
+
+
+def move_walkers(
+    rng: np.random.Generator, target: Target, moving: EnsembleState, resting: EnsembleState, moves: Moves
+) -> tuple[np.ndarray, int]:
+    """Move one half of every ensemble, in place: one batched call of the target.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Source of randomness.
+    target : Target
+        What is sampled.
+    moving : EnsembleState
+        The half that moves; its arrays are changed.
+    resting : EnsembleState
+        The other half.
+    moves : Moves
+        Which moves.
+
+    Returns
+    -------
+    tuple of ndarray of bool (ensemble, walker), int
+        Which moved, and how many simulations failed.
+    """
+    proposal, log_factor = moves.propose(rng, moving.phi, resting)
+    value, failed = target.evaluate(proposal.reshape(-1, proposal.shape[2]))
+    value = value.reshape(log_factor.shape)
+    accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - moving.log_density
+    moving.phi[accepted], moving.log_density[accepted] = proposal[accepted], value[accepted]
+    return accepted, int(failed.sum())
