@@ -382,6 +382,29 @@ def test_short_chains_are_judged_by_their_walkers():
     assert autocorrelation_time(draws.mean(axis=2).T) < 6.0 < series_time(draws)
 
 
+def test_the_time_of_an_ensemble_that_moves_together_is_that_of_its_mean():
+    """Walkers that take over their places, x_i(t) = ρ x_{i+1}(t−1) + noise: each alone looks independent, their mean is not."""
+    rng, rho = np.random.default_rng(6), 0.9
+    draws = np.empty((4000, 4, 60))
+    draws[0] = rng.standard_normal((4, 60))
+    for t in range(1, 4000):
+        draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal((4, 60))
+    assert diagnostics.autocorrelation_time(draws.reshape(4000, -1).T) < 1.5
+    assert diagnostics.series_time(draws) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
+
+
+def test_the_time_of_few_steps_is_known():
+    """AR(1) walkers, ρ = 0.9, of 100 steps: the means of four ensembles know τ to 40 %, the walkers to 10 %."""
+    rng, rho, by_means, by_walkers = np.random.default_rng(7), 0.9, [], []
+    for _ in range(60):
+        start = rho * rng.normal(size=(1, 4, 32))
+        noise = np.sqrt(1.0 - rho**2) * rng.standard_normal((100, 4, 32))
+        draws = scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=0, zi=start)[0]
+        by_means.append(diagnostics.autocorrelation_time(draws.mean(axis=2).T))
+        by_walkers.append(diagnostics.series_time(draws))
+    assert np.std(by_walkers) / np.mean(by_walkers) < 0.15 < 0.3 < np.std(by_means) / np.mean(by_means)
+
+
 def test_few_steps_do_not_make_a_walker_stuck():
     from structid.inference.diagnostics import stuck_walkers
 
