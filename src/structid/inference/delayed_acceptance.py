@@ -179,10 +179,10 @@ class DelayedAcceptance(Sampler):
             rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
             plain_every = int(last["plain_every"][-1])
-            moves = self._moves(blocks)
             if number >= self.tuning and number % plain_every == plain_every - 1:
-                block = self._plain_step(target, proposing, state, moves, length, plain_every, rng)
+                block = self._plain_step(target, proposing, state, length, plain_every, rng)
             else:
+                moves = self._moves(self._learnt_law(blocks))
                 block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
@@ -199,15 +199,17 @@ class DelayedAcceptance(Sampler):
         )
         return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
 
-    def _moves(self, blocks: list[Block]) -> Moves:
+    def _moves(self, law: IndependenceLaw | None = None) -> Moves:
         """Which moves, with a law for those that are independent."""
-        # All walkers in the later half of the steps that tune: many more than rest in one ensemble. After them it stays as it is.
+        return Moves(self.stretch, self.differential_evolution, self.independent, law)
+
+    def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw:
+        """Law of all walkers in the later half of the steps that tune, many more than rest in one ensemble; then it stays so."""
         last = min(len(blocks), max(self.tuning, 1))
         learnt = [TwoStageState.of(block) for block in blocks[last // 2 : last]]
         phi, log_surrogate = (np.stack([getattr(s, name) for s in learnt]) for name in ("phi", "log_surrogate"))
         together = EnsembleState(phi.reshape(1, -1, phi.shape[-1]), log_surrogate.reshape(1, -1))
-        law = IndependenceLaw.fitted(together).shared_by(self.ensembles)
-        return Moves(self.stretch, self.differential_evolution, self.independent, law)
+        return IndependenceLaw.fitted(together).shared_by(self.ensembles)
 
     def _proposing(self, target: Target) -> Target:
         """The density that makes the proposals."""
@@ -303,13 +305,13 @@ class DelayedAcceptance(Sampler):
         target: Target,
         proposing: Target,
         state: TwoStageState,
-        moves: Moves,
         length: int,
         plain_every: int,
         rng: np.random.Generator,
     ) -> Block:
         """The same by a single ensemble move, without the surrogate."""
-        state = state.copied()
+        # A law that was learnt under a poor surrogate is no guess of the posterior; one of the half at rest is, always.
+        state, moves = state.copied(), self._moves()
         accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
             model = state.under_model

@@ -158,6 +158,14 @@ class SMC(Sampler):
         Drawn
             The draws at β = 1.
         """
+        self._refuse(target, start)
+        blocks = _without_cut_off(blocks, self.steps)
+        self._to_the_posterior(target, seed, blocks, keep, progress)
+        self._in_the_posterior(target, seed, blocks, keep, progress)
+        return _drawn(blocks, self.steps)
+
+    def _refuse(self, target: Target, start: np.ndarray | None) -> None:
+        """Refuse what these particles cannot do."""
         if start is not None:
             raise InputError(
                 "sample(start)", "points to start from, for SMC", "none: its particles start from the prior"
@@ -168,9 +176,13 @@ class SMC(Sampler):
                 f"{self.particles} for {target.dimension} parameters",
                 f"{2 * target.dimension} or more: a population must span the space",
             )
-        blocks = _without_cut_off(blocks, self.steps)
+
+    def _to_the_posterior(
+        self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
+    ) -> None:
+        """Append a block for each stage until β = 1."""
         if not blocks:
-            blocks = [_block([starting_population(self, target, seed)], [], [])]
+            blocks.append(_block([starting_population(self, target, seed)], [], []))
             keep(0, blocks[0])
         population = Population.of(blocks[-1])
         while population.exponent < 1.0:
@@ -182,19 +194,24 @@ class SMC(Sampler):
                 )
             population, block = run_stage(self, target, population, stream(seed, _PURPOSE["stage"], number))
             keep(number, block)
-            blocks = [*blocks, block]
+            blocks.append(block)
             if progress is not None:
                 progress(int(50 * min(1.0, max(0.0, 1 + np.log10(population.exponent) / 6))), 100)
+
+    def _in_the_posterior(
+        self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
+    ) -> None:
+        """Append the blocks of the moves at β = 1."""
+        population = Population.of(blocks[-1])
         first = sum(b["exponent"][-1] < 1.0 for b in blocks) + 1  # blocks before those of moves alone
         for index, length in enumerate(block_lengths(self.steps)):
             if first + index < len(blocks):
                 continue
             population, block = run_moves(self, target, population, stream(seed, _PURPOSE["moves"], index), length)
             keep(first + index, block)
-            blocks = [*blocks, block]
+            blocks.append(block)
             if progress is not None:
                 progress(50 + 50 * min((index + 1) * BLOCK_STEPS, self.steps) // self.steps, 100)
-        return _drawn(blocks, self.steps)
 
 
 @dataclass(frozen=True, eq=False)
