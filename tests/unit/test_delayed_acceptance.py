@@ -7,6 +7,7 @@ import pytest
 
 import structid as si
 from structid.errors import InputError, StoreMismatchError
+from structid.inference.moves import Moves
 from structid.inference.sampler import stream
 
 PRECISION = np.linalg.inv([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
@@ -98,6 +99,44 @@ def test_sub_chains_are_shortened_where_proposals_are_refused():
     assert bad.cost.sub_steps <= 16
 
 
+@pytest.mark.parametrize("length", range(1, 7))
+def test_a_sub_chain_is_as_reversible_as_each_of_its_moves(length):
+    """P_a P_b of two moves with detailed balance has none: what would be accepted with π(x′) π_s(x) / [π(x) π_s(x′)] is off."""
+    rng, probability = np.random.default_rng(length), np.array([0.5, 0.3, 0.2])
+
+    def metropolis(proposal):
+        kernel = proposal * np.minimum(1.0, probability[None, :] * proposal.T / (probability[:, None] * proposal))
+        return kernel + np.diag(1.0 - kernel.sum(axis=1))
+
+    kernels = {
+        kind: metropolis(rng.dirichlet(np.ones(3), size=3))
+        for kind in ("independent", "differential evolution", "stretch")
+    }
+    moves = Moves(2.0, differential_evolution=0.5, independent=0.3)
+
+    def lack_of_balance(kinds):
+        flow = probability[:, None] * np.linalg.multi_dot([np.eye(3), np.eye(3), *(kernels[kind] for kind in kinds)])
+        return np.abs(flow - flow.T).max()
+
+    for _ in range(20):
+        kinds = moves.there_and_back(rng, length)
+        assert len(kinds) == length and lack_of_balance(kinds) < 1e-15
+    assert lack_of_balance(["stretch", "independent"]) > 1e-3
+
+
+def test_walkers_where_the_surrogate_has_no_density():
+    """A surrogate with a hole: walkers reach it by plain steps, and leave it so."""
+
+    def holed(theta):
+        return np.where(theta[:, 0] < -0.5, -np.inf, gaussian()._function(theta))
+
+    surrogate = si.LogDensity(holed, SPACE.names, SPACE)
+    result = si.sample(gaussian(), replace(SETTINGS, approximation=surrogate, steps=900), seed=8)
+    error = 1.0 / np.sqrt(result.summary().columns["ess_bulk"])
+    assert (result.kept[..., 0] < -0.5).mean() > 0.2
+    assert (np.abs(result.mean) < 4.0 * error).all(), (result.mean, error)
+
+
 def test_a_frozen_half_leaves_the_posterior_as_it_is():
     """One step from exact draws gives exact draws: second moments of many independent ensembles, within 4 sd."""
     settings = si.DelayedAcceptance(gaussian(0.5, 0.8), walkers=6, ensembles=2000, sub_steps=4, tuning=0, steps=2)
@@ -121,8 +160,9 @@ def test_a_killed_chain_goes_on_to_the_same_bits(tmp_path):
     resumed = si.sample(target, settings, seed=4, store=tmp_path / "chains.h5")
     np.testing.assert_array_equal(resumed.history, whole.history)
     assert resumed.cost == whole.cost and target.asked < whole.cost.true_runs
+    # Gone on from after the tuning, too: what was learnt there is learnt again from what is on disk.
     longer = si.sample(Counted(), replace(settings, steps=30), seed=4, store=tmp_path / "chains.h5")
-    np.testing.assert_array_equal(longer.history[:20], whole.history)
+    np.testing.assert_array_equal(longer.history, si.sample(Counted(), replace(settings, steps=30), seed=4).history)
     with pytest.raises(StoreMismatchError):
         other = replace(settings, approximation=Counted(), sub_steps=8)
         si.sample(Counted(), other, seed=4, store=tmp_path / "chains.h5")

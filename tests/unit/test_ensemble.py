@@ -122,13 +122,13 @@ def test_differential_moves_never_use_the_same_walker_twice():
     assert (np.abs(proposal[0]).sum(axis=1) > 0).all()
 
 
-# --- independence moves, which tempered particles make ----------------------------------------------------------------
+# --- independence moves, which tempered particles and sub-chains make ---------------------------------------------------
 
 
 def independent_moves(monkeypatch, factor):
     """Let an ensemble make them in half of its steps, with their factor times another."""
 
-    def propose(moves, rng, moving, resting):
+    def propose(moves, rng, _kind, moving, resting):
         if rng.random() < 0.5:
             return stretch_proposal(rng, moving, resting.phi, moves.stretch)
         proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(resting))
@@ -391,6 +391,26 @@ def test_the_time_of_an_ensemble_that_moves_together_is_that_of_its_mean():
         draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal((4, 60))
     assert diagnostics.autocorrelation_time(draws.reshape(4000, -1).T) < 1.5
     assert diagnostics.series_time(draws) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
+
+
+def test_a_chain_too_short_to_tell_is_not_called_long_enough():
+    """The same with τ = 66 and 65 steps: how much of their τ is noise the means cannot say, so the longer one judges the length."""
+    rng, rho = np.random.default_rng(9), 0.97
+    draws = np.empty((65, 4, 32))
+    draws[0] = rng.standard_normal((4, 32))
+    for t in range(1, 65):
+        draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal((4, 32))
+    assert diagnostics.series_time(draws) < 3.0
+    figures = diagnostics.parameter_diagnostics(draws)
+    assert figures.autocorrelation_time > 13.0
+    failures = diagnostics.convergence_failures({"a": figures}, 65, 4, 0, si.DelayedAcceptance.needed_length)
+    assert any("autocorrelation times of a" in failure for failure in failures)
+
+
+def test_the_time_of_a_constant_is_none():
+    with np.errstate(all="raise"):
+        assert np.isnan(diagnostics.series_time(np.full((37, 3, 7), 0.1)))
+        assert np.isnan(diagnostics.longest_time(np.full((37, 3, 7), 0.1)))
 
 
 def test_the_time_of_few_steps_is_known():

@@ -13,8 +13,8 @@ import numpy as np
 from structid.errors import InputError
 from structid.journal import Journal, compare_identity
 
-SCHEMA = 2
-"""Version of the layout inside the file."""
+SCHEMA = 3
+"""Version of the layout inside the file, and of the moves that lead on from it."""
 
 
 class ChainStore:

@@ -37,7 +37,7 @@ _PURPOSE = {"start": 21, "steps": 22}
 class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
-    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch,
+    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch and
     differential-evolution moves that look only at the resting half, which stays where it is, and independence moves by a law that
     is learnt in the first steps. Where it ends, x′, is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of
     the model for each. Every twentieth step, with a poor surrogate every third, is a plain ensemble move, so that the chain is
@@ -53,12 +53,12 @@ class DelayedAcceptance(Sampler):
     steps : int
         Steps of every walker: so many runs of the model each.
     ensembles : int
-        Independent ensembles; R-hat compares them.
+        Ensembles that know of one another only while the law of the independence moves is learnt; R-hat compares them.
     discard : float
         Fraction of the steps dropped at the start.
     tuning : int
         First steps during which L is tuned by the acceptance, and the law of the independence moves is learnt; they must lie within
-        the discarded part.
+        the discarded part. With 1 or none that law is always of the resting half alone.
     sub_steps : int
         L to begin with.
     most_sub_steps : int
@@ -175,6 +175,7 @@ class DelayedAcceptance(Sampler):
             none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
             blocks = [_block(state, none, 0, failed, runs, 0, length, length, PLAIN_EVERY)]
             keep(0, blocks[0])
+        law = self._learnt_law(blocks)
         for number in range(len(blocks), self.steps):
             rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
@@ -182,10 +183,12 @@ class DelayedAcceptance(Sampler):
             if number >= self.tuning and number % plain_every == plain_every - 1:
                 block = self._plain_step(target, proposing, state, length, plain_every, rng)
             else:
-                moves = self._moves(self._learnt_law(blocks))
+                moves = self._moves(law)
                 block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
             keep(number, block)
             blocks = [*blocks, block]
+            if number < self.tuning:
+                law = self._learnt_law(blocks)
             if progress is not None:
                 progress(number + 1, self.steps)
         every = joined(blocks, self.steps)
@@ -203,10 +206,15 @@ class DelayedAcceptance(Sampler):
         """Which moves, with a law for those that are independent."""
         return Moves(self.stretch, self.differential_evolution, self.independent, law)
 
-    def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw:
-        """Law of all walkers in the later half of the steps that tune, many more than rest in one ensemble; then it stays so."""
-        last = min(len(blocks), max(self.tuning, 1))
-        learnt = [TwoStageState.of(block) for block in blocks[last // 2 : last]]
+    def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw | None:
+        """Law of all walkers in the later half of the steps that tune, many more than rest in one ensemble; then it stays so.
+
+        None before there is a step, for where walkers start may be anything.
+        """
+        last = min(len(blocks), self.tuning)
+        learnt = [TwoStageState.of(block) for block in blocks[max(1, last // 2) : last]]
+        if not learnt:
+            return None
         phi, log_surrogate = (np.stack([getattr(s, name) for s in learnt]) for name in ("phi", "log_surrogate"))
         together = EnsembleState(phi.reshape(1, -1, phi.shape[-1]), log_surrogate.reshape(1, -1))
         return IndependenceLaw.fitted(together).shared_by(self.ensembles)
@@ -274,19 +282,20 @@ class DelayedAcceptance(Sampler):
         failed_runs = true_runs = surrogate_runs = proposals = 0
         for moving, resting in halves(self.walkers):
             # L moves of one half under the surrogate's posterior, the other half frozen: where they end, and log π_s there.
-            half = state.under_surrogate.part(moving).copied()
-            for _ in range(length):
-                move_walkers(rng, proposing, half, state.under_surrogate.part(resting), moves)
+            half, others = state.under_surrogate.part(moving).copied(), state.under_surrogate.part(resting)
+            for kind in moves.there_and_back(rng, length):
+                move_walkers(rng, proposing, half, others, moves, kind)
             proposal, value = half
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
-            moved = (proposal != phi[:, moving]).any(axis=2)
+            # From where the surrogate gives no density, nothing can be accepted.
+            moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
             proposals += int(moved.sum())
             new_true, count, failed = _true_density(target, proposal, moved)
             true_runs, failed_runs = true_runs + count, failed_runs + failed
             # min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}
-            log_ratio = new_true - log_density[:, moving] + log_surrogate[:, moving] - value
-            better = moved & (np.log(rng.random(value.shape)) < log_ratio)
+            log_now, log_then = log_density[:, moving] + value, new_true + log_surrogate[:, moving]
+            better = moved & (np.log(rng.random(value.shape)) + log_now < log_then)
             phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
             log_surrogate[:, moving][better] = value[better]
             accepted[:, moving] = better
@@ -357,7 +366,7 @@ class TwoStageState(NamedTuple):
         Returns
         -------
         TwoStageState
-            Where to go on.
+            Where every walker is.
         """
         return cls(block["phi"][-1], block["log_density"][-1], block["log_surrogate"][-1])
 

@@ -54,8 +54,8 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     series = np.atleast_2d(series)
     count, steps = series.shape
     transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
-    covariance = np.fft.irfft(np.abs(transform) ** 2, axis=1)[:, :steps].mean(axis=0)
-    if covariance[0] <= 0.0:
+    covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=0))[:steps]
+    if np.ptp(series) == 0.0:
         return float("nan"), float("nan")
     sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
     lags = np.arange(steps)
@@ -102,11 +102,13 @@ def effective_sample_size(draws: np.ndarray) -> float:
 
 
 def series_time(draws: np.ndarray) -> float:
-    """Integrated autocorrelation time of a quantity, of the mean over each ensemble.
+    """Integrated autocorrelation time of a quantity, by which the error of its mean is told.
 
-    The means of a few ensembles know it badly: of 300 steps with τ = 60, to a factor of four. The many walkers know their own τ
-    well, but not what they have of one another, for an ensemble moves together. So it is the walkers' τ, and of what the means say
-    beyond it, d with a standard error s, the part 1 − s²/d² that is no noise (W. James & C. Stein 1961).
+    It is that of the mean over each ensemble, which the means of a few ensembles know badly: of 300 steps with τ = 60, to a
+    factor of four. The many walkers know their own τ well, but not what they have of one another. So it is the walkers' τ, and of
+    what the means say beyond it, d, the share (1 − s²/d²)₊ with the standard error s of the means' τ (the non-negative garrote,
+    L. Breiman 1995, doi 10.1080/00401706.1995.10484371). Of chains shorter than some ten τ the walkers alone decide: see
+    `longest_time`.
 
     Parameters
     ----------
@@ -116,12 +118,30 @@ def series_time(draws: np.ndarray) -> float:
     Returns
     -------
     float
-        τ in steps.
+        τ in steps; NaN for a constant quantity.
     """
     together, error = _time_and_error(draws.mean(axis=2).T)
     alone = autocorrelation_time(draws.reshape(len(draws), -1).T)
     beyond = together - alone
     return alone + (beyond - error**2 / beyond if beyond > error else 0.0)
+
+
+def longest_time(draws: np.ndarray) -> float:
+    """The longer of the walkers' autocorrelation time and that of their ensembles' means, by which a chain's length is judged.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        The quantity.
+
+    Returns
+    -------
+    float
+        τ in steps; NaN for a constant quantity.
+    """
+    return float(
+        np.fmax(autocorrelation_time(draws.mean(axis=2).T), autocorrelation_time(draws.reshape(len(draws), -1).T))
+    )
 
 
 def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
@@ -203,7 +223,7 @@ class ParameterDiagnostics:
     Parameters
     ----------
     r_hat, autocorrelation_time, bulk_size, tail_size : float
-        R-hat over ensembles, τ in steps, bulk and tail ESS.
+        R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS.
     """
 
     r_hat: float
@@ -226,7 +246,7 @@ def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
         The figures.
     """
     bulk, tail = bulk_and_tail_size(draws)
-    return ParameterDiagnostics(r_hat(draws), series_time(draws), bulk, tail)
+    return ParameterDiagnostics(r_hat(draws), longest_time(draws), bulk, tail)
 
 
 @dataclass(frozen=True)

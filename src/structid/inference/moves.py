@@ -8,7 +8,7 @@ moves as N. Chopin (2002), doi 10.1093/biomet/89.3.539, makes them with particle
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -19,17 +19,19 @@ DEGREES_OF_FREEDOM = 10.0
 """Of the laws that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
 LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
 """Of these laws: the share of the walkers, the densest, that each is fitted to, and its share of the moves."""
+Kind = Literal["independent", "differential evolution", "stretch"]
+"""Of a move: all walkers that move make the same."""
 
 
 class EnsembleState(NamedTuple):
-    """Where every walker is. With the seed and the block's number it decides all that follows.
+    """Where every walker is, or those of one half.
 
     Parameters
     ----------
     phi : ndarray, shape (ensemble, walker, parameter)
         Unconstrained coordinates.
     log_density : ndarray, shape (ensemble, walker)
-        Their log density.
+        Log of the density that is sampled, there.
     """
 
     phi: np.ndarray
@@ -294,7 +296,7 @@ def independent_proposal(
     return proposal, law.log_density(moving) - law.log_density(proposal)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Moves:
     """Which moves walkers make.
 
@@ -315,15 +317,54 @@ class Moves:
     independent: float = 0.0
     law: IndependenceLaw | None = None
 
-    def propose(
-        self, rng: np.random.Generator, moving: np.ndarray, resting: EnsembleState
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Propose a place for every walker of a half, by a move that is drawn for all of them.
+    def kind(self, rng: np.random.Generator) -> Kind:
+        """Draw the kind of a move.
 
         Parameters
         ----------
         rng : numpy.random.Generator
             Source of randomness.
+
+        Returns
+        -------
+        str
+            The same for all walkers that move.
+        """
+        if self.independent > 0.0 and rng.random() < self.independent:
+            return "independent"
+        return "differential evolution" if rng.random() < self.differential_evolution else "stretch"
+
+    def there_and_back(self, rng: np.random.Generator, count: int) -> list[Kind]:
+        """Draw the kinds of several moves that together are as reversible as each alone.
+
+        P_a P_b, of two moves that are reversible each, is not reversible, but P_a P_b P_a and P_a P_b P_b P_a are.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        count : int
+            How many.
+
+        Returns
+        -------
+        list of str
+            The same read backwards.
+        """
+        first = [self.kind(rng) for _ in range((count + 1) // 2)]
+        return first + first[::-1][count % 2 :]
+
+    def propose(
+        self, rng: np.random.Generator, kind: Kind, moving: np.ndarray, resting: EnsembleState
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Propose a place for every walker of a half.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        kind : str
+            Of the move.
         moving : ndarray, shape (ensemble, walker, parameter)
             Where the half is that moves.
         resting : EnsembleState
@@ -334,15 +375,20 @@ class Moves:
         tuple of ndarray
             Proposals (ensemble, walker, parameter) and the log of the factor in their acceptance (ensemble, walker).
         """
-        if self.independent > 0.0 and rng.random() < self.independent:
-            return independent_proposal(rng, moving, self.law or IndependenceLaw.fitted(resting))
-        if rng.random() < self.differential_evolution:
+        if kind == "independent":
+            return independent_proposal(rng, moving, IndependenceLaw.fitted(resting) if self.law is None else self.law)
+        if kind == "differential evolution":
             return differential_proposal(rng, moving, resting.phi)
         return stretch_proposal(rng, moving, resting.phi, self.stretch)
 
 
 def move_walkers(
-    rng: np.random.Generator, target: Target, moving: EnsembleState, resting: EnsembleState, moves: Moves
+    rng: np.random.Generator,
+    target: Target,
+    moving: EnsembleState,
+    resting: EnsembleState,
+    moves: Moves,
+    kind: Kind | None = None,
 ) -> tuple[np.ndarray, int]:
     """Move one half of every ensemble, in place: one batched call of the target.
 
@@ -358,15 +404,18 @@ def move_walkers(
         The other half.
     moves : Moves
         Which moves.
+    kind : str, optional
+        Of this one; drawn when left out.
 
     Returns
     -------
     tuple of ndarray of bool (ensemble, walker), int
         Which moved, and how many simulations failed.
     """
-    proposal, log_factor = moves.propose(rng, moving.phi, resting)
+    proposal, log_factor = moves.propose(rng, moves.kind(rng) if kind is None else kind, moving.phi, resting)
     value, failed = target.evaluate(proposal.reshape(-1, proposal.shape[2]))
     value = value.reshape(log_factor.shape)
-    accepted = np.log(rng.random(log_factor.shape)) < log_factor + value - moving.log_density
+    # Sums, not differences: a walker may be where a surrogate gives no density, and −inf − (−inf) is nothing.
+    accepted = np.log(rng.random(log_factor.shape)) + moving.log_density < log_factor + value
     moving.phi[accepted], moving.log_density[accepted] = proposal[accepted], value[accepted]
     return accepted, int(failed.sum())

@@ -412,7 +412,9 @@ def move(
     accepted = np.zeros(prior.shape, dtype=bool)
     for moving, resting in halves(settings.particles):
         now = tempered(prior, likelihood, population.exponent)
-        proposal, log_factor = moves.propose(rng, phi[:, moving], EnsembleState(phi, now).part(resting))
+        proposal, log_factor = moves.propose(
+            rng, moves.kind(rng), phi[:, moving], EnsembleState(phi, now).part(resting)
+        )
         parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())
