@@ -162,6 +162,7 @@ def test_a_killed_chain_goes_on_to_the_same_bits(tmp_path):
     assert resumed.cost == whole.cost and target.asked < whole.cost.true_runs
     # Gone on from after the tuning, too: what was learnt there is learnt again from what is on disk.
     longer = si.sample(Counted(), replace(settings, steps=30), seed=4, store=tmp_path / "chains.h5")
+    np.testing.assert_array_equal(longer.history[:20], whole.history)
     np.testing.assert_array_equal(longer.history, si.sample(Counted(), replace(settings, steps=30), seed=4).history)
     with pytest.raises(StoreMismatchError):
         other = replace(settings, approximation=Counted(), sub_steps=8)

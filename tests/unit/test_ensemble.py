@@ -382,24 +382,26 @@ def test_short_chains_are_judged_by_their_walkers():
     assert autocorrelation_time(draws.mean(axis=2).T) < 6.0 < series_time(draws)
 
 
+def handed_on(seed, steps, walkers, rho):
+    """Walkers that take over their places, x_i(t) = ρ x_{i−1}(t−1) + noise: each alone looks independent, their mean is not."""
+    rng, shape = np.random.default_rng(seed), (4, walkers)
+    draws = np.empty((steps, *shape))
+    draws[0] = rng.standard_normal(shape)
+    for t in range(1, steps):
+        draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal(shape)
+    return draws
+
+
 def test_the_time_of_an_ensemble_that_moves_together_is_that_of_its_mean():
-    """Walkers that take over their places, x_i(t) = ρ x_{i+1}(t−1) + noise: each alone looks independent, their mean is not."""
-    rng, rho = np.random.default_rng(6), 0.9
-    draws = np.empty((4000, 4, 60))
-    draws[0] = rng.standard_normal((4, 60))
-    for t in range(1, 4000):
-        draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal((4, 60))
+    rho = 0.9
+    draws = handed_on(6, 4000, 60, rho)
     assert diagnostics.autocorrelation_time(draws.reshape(4000, -1).T) < 1.5
     assert diagnostics.series_time(draws) == pytest.approx((1 + rho) / (1 - rho), rel=0.3)
 
 
 def test_a_chain_too_short_to_tell_is_not_called_long_enough():
-    """The same with τ = 66 and 65 steps: how much of their τ is noise the means cannot say, so the longer one judges the length."""
-    rng, rho = np.random.default_rng(9), 0.97
-    draws = np.empty((65, 4, 32))
-    draws[0] = rng.standard_normal((4, 32))
-    for t in range(1, 65):
-        draws[t] = rho * np.roll(draws[t - 1], 1, axis=1) + np.sqrt(1.0 - rho**2) * rng.standard_normal((4, 32))
+    """Of 65 steps with τ = 66 the means cannot say how much of theirs is noise, so the longer one judges the length."""
+    draws = handed_on(9, 65, 32, 0.97)
     assert diagnostics.series_time(draws) < 3.0
     figures = diagnostics.parameter_diagnostics(draws)
     assert figures.autocorrelation_time > 13.0

@@ -120,8 +120,7 @@ def series_time(draws: np.ndarray) -> float:
     float
         τ in steps; NaN for a constant quantity.
     """
-    together, error = _time_and_error(draws.mean(axis=2).T)
-    alone = autocorrelation_time(draws.reshape(len(draws), -1).T)
+    alone, together, error = _times_alone_and_together(draws)
     beyond = together - alone
     return alone + (beyond - error**2 / beyond if beyond > error else 0.0)
 
@@ -139,9 +138,13 @@ def longest_time(draws: np.ndarray) -> float:
     float
         τ in steps; NaN for a constant quantity.
     """
-    return float(
-        np.fmax(autocorrelation_time(draws.mean(axis=2).T), autocorrelation_time(draws.reshape(len(draws), -1).T))
-    )
+    alone, together, _ = _times_alone_and_together(draws)
+    return float(np.fmax(alone, together))
+
+
+def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
+    """τ of the walkers, τ of the means over each ensemble, and the standard error of that."""
+    return autocorrelation_time(draws.reshape(len(draws), -1).T), *_time_and_error(draws.mean(axis=2).T)
 
 
 def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
