@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import structid as si
-from structid.inference import diagnostics
-from structid.models.integrate import runge_kutta_4
+from structid.inference.assessment import diagnostics
+from structid.mechanics.runge_kutta import runge_kutta_4
 
 Quantities = Callable[[np.ndarray], dict[str, np.ndarray]]
 """From draws (..., parameter) to what the reference draws are of."""

@@ -20,7 +20,7 @@ from numpyro.infer import MCMC
 from numpyro.infer.ensemble import AIES as NumPyroAIES
 
 import structid as si
-from structid.inference import diagnostics
+from structid.inference.assessment import diagnostics
 from structid.inference.target import Target
 
 NAME = "samplers"

@@ -20,9 +20,9 @@ import common
 import numpy as np
 
 import structid as si
-from structid.surrogates.narx_fitting import NARXFit
-from structid.surrogates.terms import absolute_terms
-from structid.surrogates.training import refined_coefficients
+from structid.surrogates.narx.fitting import NARXFit
+from structid.surrogates.narx.terms import absolute_terms
+from structid.surrogates.narx.training import refined_coefficients
 
 NAME = "surrogates"
 PEERS = common.ROOT.parent / "shared" / "peers"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.models.external import SolverError
+from structid.solvers.external import SolverError
 
 
 def wave(parameters, record):

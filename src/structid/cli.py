@@ -194,7 +194,7 @@ def serve(
     port: Annotated[int, typer.Option(help="Where to listen.")] = 4242,
 ) -> None:
     """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
-    from structid.models.um_bridge import serve as serve_models
+    from structid.solvers.um_bridge import serve as serve_models
     from structid.study.run import load
     from structid.study.serve import offered
 
@@ -296,7 +296,7 @@ def _run(
 
 def _print_table(heads: list[str], rows: list[list[str]]) -> None:
     """A row a thing where the screen is wide enough, else a block a thing."""
-    from structid.inference.comparison import aligned
+    from structid.inference.assessment.comparison import aligned
 
     lines = aligned(heads, rows)
     if max(map(len, lines)) <= screen.width:

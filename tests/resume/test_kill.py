@@ -9,7 +9,7 @@ import sys
 import numpy as np
 
 import structid as si
-from structid.inference.chain_store import ChainStore
+from structid.inference.sampling.chain_store import ChainStore
 from studies import PLAIN, shortened
 
 SCRIPT = """

@@ -6,7 +6,7 @@ import pytest
 
 import structid as si
 from conftest import DEGRADING
-from structid.inference import diagnostics
+from structid.inference.assessment import diagnostics
 
 pytestmark = pytest.mark.slow
 

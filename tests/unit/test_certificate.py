@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 from structid.errors import InputError
-from structid.inference.certificate import Limits, StoredRuns, certify, smoothed_weights
+from structid.inference.assessment.certificate import Limits, StoredRuns, certify, smoothed_weights
 
 NONE = StoredRuns(np.empty(0), np.empty(0))
 

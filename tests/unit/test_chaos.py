@@ -9,15 +9,15 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
-from structid.surrogates.lars import nested_least_squares, orthogonal_order
-from structid.surrogates.polynomials import (
+from structid.surrogates.chaos.lars import nested_least_squares, orthogonal_order
+from structid.surrogates.chaos.polynomials import (
     OrthonormalFamily,
     PolynomialBasis,
     lanczos_recurrence,
     multi_indices,
     standard_normal,
 )
-from structid.surrogates.shrinkage import weighted_indices
+from structid.surrogates.chaos.shrinkage import weighted_indices
 
 MARGINALS = {
     "uniform": (si.Uniform(2.0, 5.0), "Legendre"),

@@ -10,8 +10,8 @@ import scipy.stats
 import structid as si
 from structid import cli
 from structid.errors import InputError
-from structid.inference.comparison import Comparison, LeaveOut, ModelClass, leave_out
-from structid.inference.sampler import Evidence
+from structid.inference.assessment.comparison import Comparison, LeaveOut, ModelClass, leave_out
+from structid.inference.sampling.sampler import Evidence
 from structid.study.compare import compare_studies
 from structid.study.replicas import check_by_simulation
 from structid.study.run import run_study

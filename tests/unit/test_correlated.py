@@ -6,7 +6,7 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
-from structid.inference.correlated import HUGE
+from structid.inference.likelihood.correlated import HUGE
 
 DT, SAMPLES = 0.05, 120
 CHANNELS = ("velocity",)

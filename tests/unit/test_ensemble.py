@@ -8,8 +8,8 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError, StoreMismatchError
-from structid.inference import diagnostics
-from structid.inference.moves import (
+from structid.inference.assessment import diagnostics
+from structid.inference.sampling.moves import (
     DEGREES_OF_FREEDOM,
     LAYERS,
     EnsembleState,
@@ -87,7 +87,7 @@ def test_the_printed_move_would_fail(monkeypatch):
         )
         return moving + z[:, :, None] * (anchor - moving), (dimension - 1.0) * np.log(z)
 
-    monkeypatch.setattr("structid.inference.moves.stretch_proposal", printed)
+    monkeypatch.setattr("structid.inference.sampling.moves.stretch_proposal", printed)
     result = si.sample(gaussian(), si.AIES(walkers=40, steps=4000, ensembles=4), seed=11)
     z_mean, z_sd = moment_errors(result, MEAN, np.sqrt(np.diag(COVARIANCE)))
     assert max(np.abs(z_mean).max(), np.abs(z_sd).max()) > 8.0
@@ -134,7 +134,7 @@ def independent_moves(monkeypatch, factor):
         proposal, log_factor = independent_proposal(rng, moving, IndependenceLaw.fitted(resting))
         return proposal, factor * log_factor
 
-    monkeypatch.setattr("structid.inference.moves.Moves.propose", propose)
+    monkeypatch.setattr("structid.inference.sampling.moves.Moves.propose", propose)
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -372,7 +372,7 @@ def test_map_is_at_least_the_best_draw_and_predictions_have_bands(short_posterio
 
 def test_short_chains_are_judged_by_their_walkers():
     """Twenty steps of AR(1) walkers with φ = 0.9, τ = 19: the mean over each ensemble, about its own mean, would say 3 or so."""
-    from structid.inference.diagnostics import autocorrelation_time, series_time
+    from structid.inference.assessment.diagnostics import autocorrelation_time, series_time
 
     rng = np.random.default_rng(1)
     draws = np.empty((20, 4, 400))
@@ -428,7 +428,7 @@ def test_the_time_of_few_steps_is_known():
 
 
 def test_few_steps_do_not_make_a_walker_stuck():
-    from structid.inference.diagnostics import stuck_walkers
+    from structid.inference.assessment.diagnostics import stuck_walkers
 
     rng = np.random.default_rng(2)
     density = -0.5 * rng.chisquare(5, size=(8, 4, 32))

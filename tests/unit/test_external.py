@@ -15,8 +15,8 @@ import solvers
 import structid as si
 from processes import wait_until_gone
 from structid.errors import InputError, Status
-from structid.models.external import attempt, packed
-from structid.models.um_bridge import ServedModel
+from structid.solvers.external import attempt, packed
+from structid.solvers.um_bridge import ServedModel
 from studies import PLAIN, shortened
 
 RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")

@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.inference.gradient import _Kernels
+from structid.inference.sampling.gradient import _Kernels
 
 SMALL = si.NUTS(steps=200, warm_up=200)
 NAMES = ("a", "b", "c")

@@ -6,7 +6,7 @@ import pytest
 import structid as si
 from structid.errors import InputError
 from structid.probability.space import Design
-from structid.surrogates.kriging import _Data, _Factors, _Objective
+from structid.surrogates.kriging.predictor import _Data, _Factors, _Objective
 
 SPACE = si.ParameterSpace(a=si.Uniform(-1.0, 1.0), b=si.Normal(0.0, 1.0))
 

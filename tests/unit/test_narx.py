@@ -7,8 +7,8 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.surrogates.recursion import Recursion
-from structid.surrogates.structure import (
+from structid.surrogates.narx.recursion import Recursion
+from structid.surrogates.narx.structure import (
     Experiments,
     Signals,
     build_recursion,
@@ -16,7 +16,7 @@ from structid.surrogates.structure import (
     select_terms,
     training_set,
 )
-from structid.surrogates.terms import (
+from structid.surrogates.narx.terms import (
     Memory,
     Term,
     absolute_terms,
@@ -27,7 +27,7 @@ from structid.surrogates.terms import (
     polynomial_terms,
     prony_terms,
 )
-from structid.surrogates.training import FreeRun, TrainingSet, joint_solution, train_free_run
+from structid.surrogates.narx.training import FreeRun, TrainingSet, joint_solution, train_free_run
 
 DT = 0.01
 

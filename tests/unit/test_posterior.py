@@ -6,9 +6,9 @@ import scipy.stats
 import structid as si
 from conftest import DEGRADING
 from structid.errors import InputError
-from structid.inference.identifiability import identifiability
+from structid.inference.assessment.identifiability import identifiability
 from structid.inference.target import LogDensity
-from structid.models.base import Model
+from structid.models.face import Model
 from structid.models.loop_lines import two_lines
 
 
@@ -239,7 +239,7 @@ def test_a_parameter_the_data_cannot_see_has_an_infinite_bound(short_record):
 
 
 def test_prediction_knows_each_observation_and_each_channel(short_record, study_space):
-    from structid.inference.predictive import predict
+    from structid.inference.assessment.prediction import predict
 
     other = si.GroundMotion.synthetic(seed=9).lowpass(20.0).trim(4.0, 8.0).scale_to_pga(1.5)
     channels = ("displacement", "velocity")

@@ -5,7 +5,7 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.inference.replicas import Ranks, ReplicatedPosterior
+from structid.inference.assessment.simulation_based_calibration import Ranks, ReplicatedPosterior
 
 EXPLORER = si.SMC(particles=60, ensembles=1, steps=30, effective_share=0.5, correlation=0.3)
 REPLICAS = 100

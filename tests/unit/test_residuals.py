@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.residuals import (
+from structid.inference.assessment.residuals import (
     WhitenedResidual,
     autocovariance,
     long_run_covariance,

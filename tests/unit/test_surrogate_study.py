@@ -9,7 +9,7 @@ from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from structid.study.schema import SurrogateSection
 from structid.study.surrogate import KINDS, surrogate_settings
-from structid.surrogates.pce import PCE
+from structid.surrogates.chaos.pce import PCE
 from studies import PACKAGED, PLAIN, shortened
 
 STUDY = (

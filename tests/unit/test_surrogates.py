@@ -9,7 +9,7 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError, Status, StructidWarning
-from structid.models.base import Model
+from structid.models.face import Model
 from structid.runs import InMemory
 from structid.surrogates.storage import load_surrogate
 from structid.surrogates.validation import relative_errors
@@ -252,7 +252,7 @@ def test_a_narx_wants_runs_enough_for_its_coefficients(runs):
 
 def test_the_thesis_way_by_one_word(runs, unseen):
     """Coefficients of each experiment by itself, as published: it works here, on two parameters and its own terms."""
-    from structid.surrogates.terms import absolute_terms
+    from structid.surrogates.narx.terms import absolute_terms
 
     surrogate = si.PCNARX(terms=absolute_terms(), training="per-experiment", selection="lars").fit(runs)
     validation = surrogate.validate(unseen)

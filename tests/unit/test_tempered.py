@@ -9,8 +9,8 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
-from structid.inference.sampler import Evidence
-from structid.inference.tempered import next_exponent
+from structid.inference.sampling.sampler import Evidence
+from structid.inference.sampling.tempered import next_exponent
 
 SMALL = si.SMC(particles=200, ensembles=4, steps=20, effective_share=0.5, correlation=0.5)
 
@@ -162,7 +162,7 @@ def test_evidence_where_a_peak_takes_over():
 
 def test_particles_that_lag_behind_say_so(monkeypatch):
     """Independence moves by the law of all particles alone do not reach the peak that takes over: populations are wrong alike."""
-    monkeypatch.setattr("structid.inference.moves.LAYERS", ((1.0, 1.0),))
+    monkeypatch.setattr("structid.inference.sampling.moves.LAYERS", ((1.0, 1.0),))
     problem = PowerLaw()
     evidence = si.sample(problem.target, replace(SMALL, particles=400, correlation=0.3, steps=1), seed=2).log_evidence
     error = evidence.value - problem.log_evidence

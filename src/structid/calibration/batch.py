@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from structid.inference.posterior import Posterior
-from structid.inference.sampler import Block
-from structid.surrogates.base import Surrogate
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Block
+from structid.surrogates.face import Surrogate
 
 FRESH_SHARE = 0.4
 """Share of a batch that are plain draws of the posterior: they tell how good it is before they make it better."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.optimize
 
-from structid.inference.diagnostics import weighted_size
+from structid.inference.assessment.diagnostics import weighted_size
 
 EFFECTIVE_SHARE = 0.5
 """Share of the runs that count in effect; see `weighted_size`."""

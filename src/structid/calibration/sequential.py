@@ -11,27 +11,27 @@ from typing import Any
 import numpy as np
 
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
+from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.nearness import nearness
-from structid.calibration.result import CalibrationResult, Round
 from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError
-from structid.inference.certificate import Certificate, Limits, StoredRuns, certify
-from structid.inference.delayed_acceptance import DelayedAcceptance
-from structid.inference.diagnostics import weighted_size
-from structid.inference.discrepancy import Discrepancy
-from structid.inference.posterior import Observation, Posterior
-from structid.inference.sampler import Block, Sampler
-from structid.inference.sampling import sample
-from structid.inference.tempered import SMC
+from structid.inference.assessment.certificate import Certificate, Limits, StoredRuns, certify
+from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.posterior import Observation, Posterior
+from structid.inference.sample import sample
+from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
+from structid.inference.sampling.sampler import Block, Sampler
+from structid.inference.sampling.tempered import SMC
 from structid.journal import Journal, digest
-from structid.models.base import Model, Progress
+from structid.models.face import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
-from structid.surrogates.base import Surrogate, SurrogateSettings
-from structid.surrogates.narx import PCNARX, KrigingNARX
-from structid.surrogates.response_space import PODKriging, ResponseSpaceSurrogate
+from structid.surrogates.face import Surrogate, SurrogateSettings
+from structid.surrogates.narx.settings import PCNARX, KrigingNARX
+from structid.surrogates.pod.response_space import PODKriging, ResponseSpaceSurrogate
 from structid.surrogates.storage import load_surrogate
 
 DISCREPANCY_DRAWS = 32

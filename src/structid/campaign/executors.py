@@ -12,9 +12,9 @@ from typing import Any
 
 from structid.cores import available_cores
 from structid.errors import CampaignStoppedError, InputError
-from structid.models import external
-from structid.models.base import JaxModel, Map, Model
-from structid.models.watchdog import Watchdog
+from structid.models.face import JaxModel, Map, Model
+from structid.solvers import external
+from structid.solvers.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
 """Seconds a scheduler may take to answer."""

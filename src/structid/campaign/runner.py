@@ -16,10 +16,10 @@ from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
-from structid.models.base import Model
-from structid.models.external import ExternalModel, Outcome, PackedCall, attempt, packed
+from structid.models.face import Model
 from structid.probability.space import Design
 from structid.runs import Runs, record_numbers
+from structid.solvers.external import ExternalModel, Outcome, PackedCall, attempt, packed
 
 CampaignProgress = Callable[[int, int, int], None]
 """Told how many runs have ended, of how many, and how many of them failed."""

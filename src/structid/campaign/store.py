@@ -29,9 +29,9 @@ from structid.campaign import run_file
 from structid.campaign.run_file import Header, Row
 from structid.errors import InputError, Status, StoreError
 from structid.journal import Journal, compare_identity, differences
-from structid.models.external import Outcome
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
+from structid.solvers.external import Outcome
 
 CAMPAIGN_RUNS = "runs.h5"
 """File of a study's folder with the runs of its campaign."""

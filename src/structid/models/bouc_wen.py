@@ -12,8 +12,8 @@ from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.histories import check_channels
 from structid.journal import digest
-from structid.models.base import JaxModel
-from structid.models.hysteresis import Law, degrades, hysteretic_rate
+from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
+from structid.models.face import JaxModel
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ class BoucWen(JaxModel):
             Values (time, channel, run), and whether the state stayed finite (run,).
         """
         from structid.device import jnp
-        from structid.models.integrate import integrate
+        from structid.mechanics.runge_kutta import integrate
 
         check_one_signal("BoucWen", excitation)
         values = self._values(theta)

@@ -12,9 +12,9 @@ from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.histories import check_channels
 from structid.journal import digest
-from structid.models.base import JaxModel
+from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
 from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free, finite_number
-from structid.models.hysteresis import Law, degrades, hysteretic_rate
+from structid.models.face import JaxModel
 
 STOREY_PARAMETERS = (
     "mass",
@@ -242,7 +242,7 @@ class ShearFrame(JaxModel):
             Values (time, channel, run), and whether the state stayed finite (run,).
         """
         from structid.device import jnp
-        from structid.models.integrate import integrate
+        from structid.mechanics.runge_kutta import integrate
 
         check_one_signal("ShearFrame", excitation)
         if excitation.kind == "displacement":

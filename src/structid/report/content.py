@@ -10,23 +10,23 @@ from typing import Any
 
 import numpy as np
 
-from structid.calibration.result import CalibrationResult
+from structid.calibration.calibration_result import CalibrationResult
 from structid.errors import InputError
 from structid.figures import calibration as calibration_figures
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
 from structid.histories import display_unit
-from structid.inference.identifiability import Identifiability, identifiability
-from structid.inference.posterior import Posterior
-from structid.inference.predictive import Prediction, predict
-from structid.inference.result import SamplingResult, Summary
-from structid.models.base import JaxModel, Model
+from structid.inference.assessment.identifiability import Identifiability, identifiability
+from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult, Summary
 from structid.models.bouc_wen import BoucWen
+from structid.models.face import JaxModel, Model
 from structid.models.shear_frame import ShearFrame
 from structid.optimize import OptimizeResult
 from structid.runs import Runs
-from structid.surrogates.base import Surrogate
+from structid.surrogates.face import Surrogate
 from structid.units import factor
 
 LOOP_DRAWS = 40

@@ -11,15 +11,15 @@ import numpy as np
 
 from structid.figures import response as response_figures
 from structid.histories import display_unit
-from structid.inference.comparison import Comparison
-from structid.inference.discrepancy import IID
-from structid.inference.posterior import Observation
-from structid.inference.predictive import Prediction
+from structid.inference.assessment.comparison import Comparison
+from structid.inference.assessment.prediction import Prediction
+from structid.inference.likelihood.discrepancy import IID
+from structid.inference.likelihood.posterior import Observation
 from structid.journal import write_then_rename
 from structid.report import tables
 from structid.report.content import RUNS_CAPTION, ReportContent, draw_surrogate
 from structid.runs import Runs
-from structid.surrogates.base import Surrogate
+from structid.surrogates.face import Surrogate
 from structid.units import factor
 
 PAGE = "report.html"

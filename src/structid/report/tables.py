@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from structid.calibration.result import CalibrationResult
+from structid.calibration.calibration_result import CalibrationResult
 from structid.figures.style import pretty, pretty_unit
-from structid.inference.diagnostics import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
+from structid.inference.assessment.diagnostics import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
 from structid.report.content import ReportContent
 from structid.runs import Runs
-from structid.surrogates.base import Surrogate
-from structid.surrogates.parametric_narx import ParametricNARX
+from structid.surrogates.face import Surrogate
+from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.units import label
 
 Table = tuple[list[str], list[list[str]]]

@@ -15,17 +15,17 @@ from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.histories import CHANNEL_UNITS, Histories, base_channel
-from structid.inference.correlated import AR1, DampedCosine, Matern32
-from structid.inference.delayed_acceptance import DelayedAcceptance
-from structid.inference.discrepancy import IID, Discrepancy
-from structid.inference.ensemble import AIES
-from structid.inference.gradient import NUTS
-from structid.inference.posterior import Observation, Posterior
-from structid.inference.sampler import Sampler
-from structid.inference.tempered import SMC
+from structid.inference.likelihood.correlated import AR1, DampedCosine, Matern32
+from structid.inference.likelihood.discrepancy import IID, Discrepancy
+from structid.inference.likelihood.posterior import Observation, Posterior
+from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
+from structid.inference.sampling.ensemble import AIES
+from structid.inference.sampling.gradient import NUTS
+from structid.inference.sampling.sampler import Sampler
+from structid.inference.sampling.tempered import SMC
 from structid.journal import digest
-from structid.models.base import JaxModel, Model
 from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
+from structid.models.face import JaxModel, Model
 from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
 from structid.optimize.region import region
 from structid.probability import marginals

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from structid.errors import InputError, StructidWarning
-from structid.inference.comparison import Comparison, ModelClass, leave_out
-from structid.inference.posterior import Posterior
-from structid.inference.predictive import Prediction, predict
-from structid.inference.sampler import Evidence
-from structid.inference.sampling import sample
-from structid.inference.tempered import SMC
-from structid.models.base import JaxModel
+from structid.inference.assessment.comparison import Comparison, ModelClass, leave_out
+from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sample import sample
+from structid.inference.sampling.sampler import Evidence
+from structid.inference.sampling.tempered import SMC
+from structid.models.face import JaxModel
 from structid.report.page import write_comparison
 from structid.study.run import IDENTITY, Outcome, Stage, silent, stored_outcome
 

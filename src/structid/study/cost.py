@@ -9,8 +9,8 @@ import numpy as np
 
 from structid.calibration.sequential import Plan
 from structid.errors import InputError, Status
-from structid.inference.delayed_acceptance import DelayedAcceptance
-from structid.models.base import JaxModel
+from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
+from structid.models.face import JaxModel
 from structid.study.build import BuiltStudy
 
 USUAL_ROUNDS = 4

@@ -11,10 +11,10 @@ from typing import Any
 
 from structid.errors import InputError, suggestion
 from structid.journal import digest
-from structid.models.external import CallableModel, ExternalModel
-from structid.models.program import OutputFile, ProgramModel
-from structid.models.um_bridge import UMBridgeModel
 from structid.probability.space import ParameterSpace
+from structid.solvers.external import CallableModel, ExternalModel
+from structid.solvers.program import OutputFile, ProgramModel
+from structid.solvers.um_bridge import UMBridgeModel
 from structid.study.schema import ExternalSection, ProgramSection, PythonSection, UMBridgeSection
 
 

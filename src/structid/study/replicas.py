@@ -8,12 +8,12 @@ from typing import Any
 from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
-from structid.inference.replicas import Ranks, sbc
-from structid.models.base import JaxModel
+from structid.inference.assessment.simulation_based_calibration import Ranks, sbc
+from structid.models.face import JaxModel
 from structid.study.build import BuiltStudy
 from structid.study.run import Stage, load, silent
 from structid.study.surrogate import fitted_surrogate
-from structid.surrogates.base import Surrogate
+from structid.surrogates.face import Surrogate
 
 _FIGURE, _RUNS = "sbc", "sbc_runs.h5"
 

@@ -15,27 +15,27 @@ from typing import Any
 
 import numpy as np
 
-from structid.calibration.result import CalibrationResult
+from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import Plan, calibrate
 from structid.campaign.executors import kept_open, spreading
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS, open_runs
 from structid.errors import InputError, StructidWarning
-from structid.inference.delayed_acceptance import DelayedAcceptance
-from structid.inference.posterior import Posterior
-from structid.inference.result import SamplingResult
-from structid.inference.sampling import sample
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sample import sample
+from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
+from structid.inference.sampling_result import SamplingResult
 from structid.journal import compare_identity, differences, write_then_rename
-from structid.models.base import Progress
-from structid.models.program import ProgramModel
+from structid.models.face import Progress
 from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
 from structid.report.content import ReportContent
 from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs
+from structid.solvers.program import ProgramModel
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
 from structid.study.surrogate import fitted_surrogate, surrogate_settings
-from structid.surrogates.base import Surrogate
+from structid.surrogates.face import Surrogate
 from structid.surrogates.storage import load_surrogate
 
 Stage = Callable[[str], Any]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.inference.posterior import Posterior
-from structid.models.um_bridge import Served, ServedModel
+from structid.inference.likelihood.posterior import Posterior
+from structid.solvers.um_bridge import Served, ServedModel
 from structid.study.build import BuiltStudy
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from structid.errors import InputError
-from structid.models.base import Progress
+from structid.models.face import Progress
 from structid.runs import Runs
 from structid.study.schema import SurrogateSection
-from structid.surrogates.base import Surrogate
-from structid.surrogates.kriging import Kriging
-from structid.surrogates.narx import PCNARX, KrigingNARX
-from structid.surrogates.pce import PCE
-from structid.surrogates.response_space import PODPCE, PODKriging
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.face import Surrogate
+from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.narx.settings import PCNARX, KrigingNARX
+from structid.surrogates.pod.response_space import PODPCE, PODKriging
 from structid.surrogates.storage import load_surrogate
 
 Settings = PODKriging | PODPCE | PCNARX | KrigingNARX

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from structid.models.base import Progress
+from structid.models.face import Progress
 
 
 class Stages:

@@ -14,7 +14,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.probability.space import ParameterSpace
-from structid.surrogates.base import Fit, Surrogate
+from structid.surrogates.face import Fit, Surrogate
 
 if TYPE_CHECKING:
     from structid.surrogates.validation import Validation
@@ -103,8 +103,8 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
 
 
 def _maker(kind: str) -> Callable[[Fit, dict[str, Any], dict[str, np.ndarray]], Surrogate]:
-    from structid.surrogates.parametric_narx import ParametricNARX
-    from structid.surrogates.response_space import ResponseSpaceSurrogate
+    from structid.surrogates.narx.parametric_narx import ParametricNARX
+    from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
     return (ResponseSpaceSurrogate if kind.startswith("POD") else ParametricNARX).from_plain
 

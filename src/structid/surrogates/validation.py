@@ -11,14 +11,14 @@ import scipy.integrate
 
 from structid.errors import InputError
 from structid.histories import base_channel, display_unit
-from structid.models.base import Progress
+from structid.models.face import Progress
 from structid.runs import Runs
 from structid.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from structid.surrogates.base import Surrogate
+    from structid.surrogates.face import Surrogate
 
 BATCH = 250
 """Runs compared at once."""

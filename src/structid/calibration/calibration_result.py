@@ -1,0 +1,216 @@
+"""What a calibration returns: draws, certificate, rounds, true runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.inference.assessment.certificate import Certificate, Limits
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Evidence
+from structid.inference.sampling_result import SamplingResult, Summary
+from structid.runs import Runs
+from structid.surrogates.face import Surrogate
+
+PROMISING = 1 / 3
+"""Share of the spread that a certificate allows with which a round's own draws promise one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of a calibration.
+
+    Parameters
+    ----------
+    number : int
+        From 0.
+    training : int
+        Points the surrogate was fitted to.
+    error : float
+        Mean relative error of the surrogate, as it estimates itself.
+    fresh : int
+        Fresh draws of its posterior at which the true model was run.
+    others : int
+        Further true runs.
+    effective_sample_size : float
+        Of the fresh draws after re-weighting.
+    spread : float
+        Standard deviation of their log weights; infinite where a true run failed.
+    failed : int
+        Fresh draws whose true run failed.
+    certificate : Certificate or None
+        Where the round ended with one.
+    log_weights : ndarray, shape (draw,)
+        log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
+    """
+
+    number: int
+    training: int
+    error: float
+    fresh: int
+    others: int
+    effective_sample_size: float
+    spread: float
+    failed: int
+    certificate: Certificate | None
+    log_weights: np.ndarray = field(repr=False)
+
+    def promising(self, limits: Limits) -> bool:
+        """Say whether a certificate is worth its true runs.
+
+        Parameters
+        ----------
+        limits : Limits
+            What it will ask for.
+
+        Returns
+        -------
+        bool
+            Whether the fresh draws of the round itself would pass, with room to spare: they are few, a failed certificate dear.
+        """
+        enough = self.effective_sample_size >= limits.effective_share * self.fresh
+        return enough and self.spread <= PROMISING * limits.spread
+
+    def __str__(self) -> str:
+        told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
+        told += (
+            f"{self.effective_sample_size:.0f} of {self.fresh} fresh draws effective, spread of log w {self.spread:.2g}"
+        )
+        return told + (f": {self.certificate.verdict}" if self.certificate is not None else "")
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A calibration and whether it may be believed.
+
+    Parameters
+    ----------
+    sampling : SamplingResult
+        Draws of the posterior under the last surrogate, or of the model's own by delayed acceptance.
+    certificate : Certificate
+        Whether that posterior is the true model's.
+    rounds : tuple of Round
+        How it came about.
+    posterior : Posterior
+        On the true model.
+    surrogate : Surrogate
+        The last one.
+    runs : Runs
+        All true runs.
+    """
+
+    sampling: SamplingResult = field(repr=False)
+    certificate: Certificate
+    rounds: tuple[Round, ...]
+    posterior: Posterior = field(repr=False)
+    surrogate: Surrogate = field(repr=False)
+    runs: Runs = field(repr=False)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.posterior.names
+
+    @property
+    def training_runs(self) -> int:
+        """Points the last surrogate was fitted to."""
+        return self.rounds[-1].training
+
+    @property
+    def enough_to_go_on(self) -> int:
+        """Fewest true runs with which a calibration that was refused goes on: a round with a certificate more."""
+        last = self.rounds[-1]
+        return self.certificate.true_runs + last.fresh + last.others
+
+    @property
+    def exact(self) -> bool:
+        """Whether the draws are of the model's own posterior, whatever the certificate says of the surrogate's."""
+        return self.sampling.cost is not None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the surrogate's error may be forgotten: it is certified, or had no say."""
+        return self.exact or self.certificate.certified
+
+    @property
+    def reweighted(self) -> bool:
+        """Whether moments and quantiles are those of the certificate's weighted draws and not of the sampler's."""
+        return self.certificate.verdict == "usable with re-weighting" and not self.exact
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Posterior means in SI, shape (parameter,)."""
+        if self.reweighted:
+            return np.asarray(self.certificate.weights @ self.certificate.draws)
+        return self.sampling.mean
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviations in SI, shape (parameter,)."""
+        if self.reweighted:
+            return np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2)
+        return self.sampling.sd
+
+    def quantile(self, p: float | np.ndarray) -> np.ndarray:
+        """Quantiles of the marginals.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Probabilities.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            In SI.
+        """
+        if self.reweighted:
+            c = self.certificate
+            return np.quantile(c.draws, p, axis=0, weights=c.weights, method="inverted_cdf")
+        return self.sampling.quantile(p)
+
+    def corrected(self, evidence: Evidence) -> Evidence:
+        """Evidence of the true model from that of its surrogate, Z_true = Z_surrogate E[π_true/π_surrogate].
+
+        Parameters
+        ----------
+        evidence : Evidence
+            Under the surrogate.
+
+        Returns
+        -------
+        Evidence
+            With the mean weight of the certificate's draws, and its error.
+        """
+        ratios = self.rounds[-1].log_weights
+        largest = ratios.max()
+        weights = np.exp(ratios - largest)
+        shift = float(largest + np.log(weights.mean()))
+        error = float(weights.std() / weights.mean() / np.sqrt(len(weights)))
+        return Evidence(evidence.value + shift, float(np.hypot(evidence.error, error)), evidence.each + shift)
+
+    @property
+    def log_evidence(self) -> Evidence | None:
+        """Log Z of the true model, where the sampler knows that of the surrogate."""
+        found = self.sampling.log_evidence
+        return None if found is None else self.corrected(found)
+
+    def summary(self) -> Summary:
+        """Give moments, quantiles and diagnostics as a table, re-weighted where the certificate asks for it.
+
+        Returns
+        -------
+        Summary
+            In display units.
+        """
+        table = self.sampling.summary()
+        if not self.reweighted:
+            return table
+        factors = self.posterior.factors
+        q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95])) / factors
+        moments = {"mean": self.mean / factors, "sd": self.sd / factors, "q05": q05, "median": median, "q95": q95}
+        return Summary(table.names, table.units, {**table.columns, **moments})
+
+    def __str__(self) -> str:
+        return "\n".join([str(self.certificate), *(f"  {r}" for r in self.rounds), str(self.summary())])

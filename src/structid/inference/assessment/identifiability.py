@@ -1,0 +1,138 @@
+"""What the data can see: Fisher information at a point, and the parameter combinations that stay dark."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.inference.likelihood.posterior import Posterior
+from structid.models.face import JaxModel
+
+SEEN = 1.0
+"""Information, in units of the prior's, below which the data say less of a combination than the prior does."""
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Fisher information of the model's parameters and nuisances, relative to the prior.
+
+    With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
+    prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ is the number of times the data know a
+    combination better than the prior (in variance).
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    fisher : ndarray, shape (parameter, parameter)
+        F in SI.
+    eigenvalues : ndarray, shape (parameter,)
+        Of F̃, falling.
+    eigenvectors : ndarray, shape (parameter, parameter)
+        Columns: the combinations, in prior standard deviations.
+    cramer_rao_sd : ndarray, shape (parameter,)
+        √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone.
+    prior_sd : ndarray, shape (parameter,)
+        In SI.
+    """
+
+    names: tuple[str, ...]
+    fisher: np.ndarray = field(repr=False)
+    eigenvalues: np.ndarray
+    eigenvectors: np.ndarray = field(repr=False)
+    cramer_rao_sd: np.ndarray
+    prior_sd: np.ndarray = field(repr=False)
+
+    @property
+    def unseen(self) -> list[str]:
+        """Combinations of which the data say less than the prior, in words."""
+        return [self.combination(i) for i in range(len(self.names)) if self.eigenvalues[i] < SEEN]
+
+    def combination(self, index: int) -> str:
+        """One eigenvector in words.
+
+        Parameters
+        ----------
+        index : int
+            Which, counted from the best seen.
+
+        Returns
+        -------
+        str
+            Such as ``"0.98 beta − 0.20 alpha"``, in prior standard deviations.
+        """
+        vector = self.eigenvectors[:, index]
+        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
+        order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.1]
+        text = " ".join(f"{'−' if vector[i] < 0 else '+'} {abs(vector[i]):.2f} {self.names[i]}" for i in order)
+        return text.removeprefix("+ ")
+
+
+def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
+    """Fisher information at a point, by exact sensitivities.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of a model with derivatives.
+    theta : ndarray, shape (parameter,)
+        The point in SI, such as the MAP estimate; the discrepancy's parameters are held there.
+
+    Returns
+    -------
+    Identifiability
+        Over the model's parameters and the nuisances.
+
+    Raises
+    ------
+    InputError
+        If the model has no derivatives.
+    """
+    import jax
+
+    from structid.device import jnp
+
+    model = posterior.model
+    if not isinstance(model, JaxModel):
+        raise InputError("identifiability", f"a {type(model).__name__}, which has no derivatives", "a built-in model")
+    own = {n for i in range(len(posterior.observations)) for n in posterior.discrepancy_names(i)}
+    kept = [i for i, name in enumerate(posterior.names) if name not in own]
+    point = jnp.asarray(theta)[None, :]
+
+    def whitened(moved: Any, stages: Any, index: int) -> Any:
+        response, _ = model.response(posterior.model_parameters(moved), posterior.observations[index].record, stages)
+        shown = posterior.instrument(response, moved, index)
+        unknown = jax.lax.stop_gradient(posterior.unknowns(point, index))
+        observation = posterior.observations[index]
+        return posterior.discrepancy.whiten(shown, unknown, observation.channels, observation.record.dt)
+
+    def sensitivity(stages: Any, index: int) -> np.ndarray:
+        def along(direction: Any) -> Any:
+            return jax.jvp(lambda t: whitened(t, stages, index), (point,), (direction[None, :],))[1]
+
+        directions = jnp.eye(point.shape[1])[jnp.array(kept)]
+        return np.asarray(jax.jit(jax.vmap(along))(directions)).reshape(len(kept), -1)
+
+    rows = [
+        sensitivity(o.record.stage_values(model.substeps), i) for i, o in enumerate(posterior.observations)
+    ]  # one block of data after another
+    stacked = np.concatenate(rows, axis=1)
+    fisher = stacked @ stacked.T
+    prior_sd = np.array([list(posterior.space.marginals.values())[i].moments[1] for i in kept])
+    scaled = fisher * np.outer(prior_sd, prior_sd)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    # A combination without information has infinite variance, and so has every parameter with a part in it.
+    dark = eigenvalues < 1e-13 * eigenvalues[-1]
+    variance = (vectors**2 / np.where(dark, 1.0, eigenvalues)).sum(axis=1, where=~dark[None, :])
+    variance = np.where((vectors**2 * dark).sum(axis=1) > 1e-10, np.inf, variance)
+    return Identifiability(
+        tuple(posterior.names[i] for i in kept),
+        fisher,
+        np.maximum(eigenvalues[::-1], 0.0),
+        vectors[:, ::-1],
+        prior_sd * np.sqrt(variance),
+        prior_sd,
+    )

@@ -1,0 +1,241 @@
+"""Prior and posterior prediction, with and without discrepancy, on the measured record or another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.inference.likelihood.posterior import Posterior
+from structid.models.face import Progress
+
+_STREAM = {"posterior": 11, "prior": 12, "other record": 13}
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Draws of a predicted response.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    channels : tuple of str
+        What is predicted.
+    response : ndarray, shape (draw, time, channel)
+        The model's response in SI, without discrepancy.
+    observable : ndarray, shape (draw, time, channel)
+        With discrepancy: what an instrument would record. Equal to `response` for channels that were not measured, whose
+        discrepancy is unknown.
+    failed : int
+        Draws whose simulation failed; they are left out.
+    excitation : str
+        Name of the record.
+    """
+
+    time: np.ndarray
+    channels: tuple[str, ...]
+    response: np.ndarray = field(repr=False)
+    observable: np.ndarray = field(repr=False)
+    failed: int
+    excitation: str
+
+    def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Pointwise central interval.
+
+        Parameters
+        ----------
+        probability : float
+            Its probability.
+        discrepancy : bool
+            Of the observable instead of the model's response.
+
+        Returns
+        -------
+        tuple of ndarray, shape (time, channel)
+            Lower and upper edge in SI.
+        """
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(self.observable if discrepancy else self.response, [tail, 1.0 - tail], axis=0)
+        return low, high
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Largest absolute response of every draw in SI, shape (draw, channel)."""
+        return np.abs(self.response).max(axis=1)
+
+
+def predict(
+    posterior: Posterior,
+    theta: np.ndarray,
+    record: Excitation | None = None,
+    channels: tuple[str, ...] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Prediction:
+    """Predict the response of draws of the parameters.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (draw, parameter)
+        Draws in SI.
+    record : Excitation, optional
+        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
+        those of its observation; on another one the discrepancy of the first observation is used, and its instrument is not.
+    channels : tuple of str, optional
+        What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
+    seed : int
+        Seed of the discrepancy.
+    progress : callable, optional
+        Told how many runs are done.
+
+    Returns
+    -------
+    Prediction
+        Draws whose simulation succeeded.
+    """
+    observations = posterior.observations
+    record = observations[0].record if record is None else record
+    index = next((i for i, o in enumerate(observations) if o.record is record), None)
+    observation = observations[index or 0]
+    channels = observation.channels if channels is None else tuple(channels)
+    every = tuple(dict.fromkeys((*observation.channels, *channels)))
+    model = _recording(posterior.model, every)
+    run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress, map=posterior.map)
+    good = run.done
+    response = run.values[good][:, :, [run.channels.index(c) for c in every]]
+    unknown = posterior.unknowns(theta[good], index or 0)
+    measured = slice(0, len(observation.channels))
+    if index is not None and len(response):
+        shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
+        response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
+    purpose = "other record" if index is None else "posterior"
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index or 0]))
+    observable = response.copy()
+    noise_shape = (len(response), response.shape[1], measured.stop)
+    observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
+    wanted = [every.index(c) for c in channels]
+    return Prediction(
+        run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
+    )
+
+
+def _recording(model: Any, channels: tuple[str, ...]) -> Any:
+    if set(channels) <= set(model.channels):
+        return model
+    if not hasattr(model, "recording"):
+        raise InputError(
+            "channels",
+            f"{', '.join(channels)}",
+            f"what this {type(model).__name__} records: {', '.join(model.channels)}",
+        )
+    return model.recording(*channels)
+
+
+def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
+    """Fraction of the measurements' variance that a prediction leaves, Σ(y − M)² / Σ(y − ȳ)².
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (parameter,)
+        Parameters in SI.
+
+    Returns
+    -------
+    float
+        The largest over measurements and channels; 0 is perfect.
+    """
+    worst = 0.0
+    for index, observation in enumerate(posterior.observations):
+        residual = observation.values - posterior.predict(theta[None, :], index)[0]
+        about_mean = ((observation.values - observation.values.mean(axis=0)) ** 2).sum(axis=0)
+        fraction = float(((residual**2).sum(axis=0) / about_mean).max())
+        worst = max(worst, fraction if np.isfinite(fraction) else np.inf)
+    return worst
+
+
+def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
+    """Groups of the ArviZ schema that need a measurement.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (draw, parameter)
+        Thinned posterior draws in SI.
+    seed : int
+        Seed of prior draws and discrepancy.
+    predictions : bool
+        Simulate the predictives and the pointwise log-likelihood.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    prior = posterior.space.sample(len(theta), seed).values
+    draws = {"chain": [0], "draw": np.arange(len(theta))}
+    groups: dict[str, Any] = {
+        "prior": xarray.Dataset(
+            {n: (("chain", "draw"), prior[None, :, i]) for i, n in enumerate(posterior.names)}, coords=draws
+        )
+    }
+    parts: dict[str, dict[str, Any]] = {}
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        dims = (f"time{suffix}", f"channel{suffix}")
+        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
+
+        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
+
+        put("observed_data", f"y{suffix}", observation.values, dims, coords)
+        put(
+            "constant_data",
+            f"excitation{suffix}",
+            observation.record.values,
+            dims[:1],
+            {dims[0]: observation.record.time},
+        )
+        if predictions:
+            every = ("chain", "draw", *dims)
+            put(
+                "posterior_predictive",
+                f"y{suffix}",
+                _observable(posterior, theta, index, seed, "posterior")[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "prior_predictive",
+                f"y{suffix}",
+                _observable(posterior, prior, index, seed, "prior")[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "log_likelihood",
+                f"y{suffix}",
+                posterior.pointwise_log_likelihood(theta, index)[None],
+                every,
+                coords | draws,
+            )
+    return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
+
+
+def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: str) -> np.ndarray:
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index]))
+    response = posterior.predict(theta, index)
+    unknown = posterior.unknowns(theta, index)
+    observation = posterior.observations[index]
+    dt = observation.record.dt
+    return response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)

@@ -1,0 +1,190 @@
+"""What a fit leaves: whitened residuals, whether they are white, and standard deviations that allow for it if they are not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.signal
+
+from structid.inference.likelihood.posterior import Posterior
+
+LARGEST_CORRELATION = 0.2
+"""Autocorrelation of a whitened residual from which its law is said not to describe it."""
+WHITE_BOUND = 5.0
+"""The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
+SHARE_OF_LAGS = 0.1
+"""Lags that are looked at, as a share of the history."""
+LONG_RUN_SHARE = 1.0 / 6.0
+"""Width of the window of a long-run covariance, as a share of the history."""
+MUCH_WIDER = 1.5
+"""Robust standard deviations that are so many times the posterior's own are worth a warning."""
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedResidual:
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ being the covariance of ε: independent unit normals where model and law are right.
+
+    Parameters
+    ----------
+    channel : str
+        What was measured.
+    record : str
+        On which record.
+    dt : float
+        Time step [s].
+    values : ndarray, shape (time,)
+        The residual, a pure number.
+    """
+
+    channel: str
+    record: str
+    dt: float
+    values: np.ndarray = field(repr=False)
+
+    @property
+    def autocorrelation(self) -> np.ndarray:
+        """ρ of the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
+        count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
+        covariance = autocovariance(self.values[:, None])[:count, 0]
+        return covariance / covariance[0]
+
+    @property
+    def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [Hz] and power relative to that of white noise (Welch), each of shape (frequency,)."""
+        segment = min(len(self.values), max(len(self.values) // 8, 64))
+        frequency, power = scipy.signal.welch(self.values, 1.0 / self.dt, nperseg=segment)
+        return frequency[1:], power[1:] / (2.0 * self.dt * self.values.var())
+
+    @property
+    def bound(self) -> float:
+        """Autocorrelation beyond which the residual is taken to be correlated."""
+        return max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values)))
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest autocorrelation in size, and its lag [s]."""
+        correlation = self.autocorrelation
+        lag = 1 + int(np.argmax(np.abs(correlation[1:])))
+        return float(correlation[lag]), lag * self.dt
+
+    @property
+    def correlated(self) -> bool:
+        """Whether the law of the discrepancy fails to describe what is left."""
+        return abs(self.largest[0]) > self.bound
+
+
+def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[WhitenedResidual, ...]:
+    """Whiten what a prediction leaves.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (parameter,)
+        A point in SI, such as the MAP estimate.
+
+    Returns
+    -------
+    tuple of WhitenedResidual
+        One for each measured channel; none where the run at that point fails.
+    """
+    found = []
+    for index, observation in enumerate(posterior.observations):
+        residual = (observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
+        unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
+        white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
+        found += [
+            WhitenedResidual(channel, observation.record.name, dt, white[:, i])
+            for i, channel in enumerate(observation.channels)
+            if np.isfinite(white[:, i]).all()
+        ]
+    return tuple(found)
+
+
+def robust_covariance(posterior: Posterior, draws: np.ndarray) -> np.ndarray:
+    """Sandwich covariance of the posterior means: how they would scatter over measurements, were the model or the law wrong.
+
+    The influence of the value measured at the time t on the means is ψ_t = Cov(θ, log p(y_t | y_<t, θ)) over the posterior
+    (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466). Where the law is
+    right, Σψψᵀ is the posterior's own covariance; otherwise the ψ are correlated, and what counts is their long-run
+    covariance.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What was sampled.
+    draws : ndarray, shape (draw, parameter)
+        Draws of it in SI; the model is run at each.
+
+    Returns
+    -------
+    ndarray, shape (parameter, parameter)
+        In SI.
+    """
+    total = np.zeros((posterior.dimension, posterior.dimension))
+    centred = draws - draws.mean(axis=0)
+    for index in range(len(posterior.observations)):
+        pointwise = posterior.pointwise_log_likelihood(draws, index).sum(axis=2)
+        finite = np.isfinite(pointwise).all(axis=1)
+        influence = (pointwise[finite] - pointwise[finite].mean(axis=0)).T @ centred[finite] / finite.sum()
+        total += long_run_covariance(influence)
+    return total
+
+
+def autocovariance(series: np.ndarray) -> np.ndarray:
+    """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
+
+    Parameters
+    ----------
+    series : ndarray, shape (time, quantity)
+        Series of one length.
+
+    Returns
+    -------
+    ndarray, shape (lag, quantity)
+        For every lag k from 0; a sum, not a mean.
+    """
+    samples = len(series)
+    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
+    return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
+
+
+def long_run_covariance(series: np.ndarray) -> np.ndarray:
+    """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987; it is never negative).
+
+    Parameters
+    ----------
+    series : ndarray, shape (time, quantity)
+        The terms.
+
+    Returns
+    -------
+    ndarray, shape (quantity, quantity)
+        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly as the structure does. What the
+        window misses because the terms are taken about their own mean, 3/4 K/T, is put back.
+    """
+    samples, count = series.shape
+    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
+    lags = np.arange(samples)
+    window = parzen(lags / (LONG_RUN_SHARE * samples))
+    weights = np.concatenate([window, [0.0], window[:0:-1]])
+    smoothed = np.fft.irfft(transform * np.fft.rfft(weights)[:, None].real, axis=0)[:samples]
+    found = (series - series.mean(axis=0)).T @ smoothed
+    return 0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE)
+
+
+def parzen(x: np.ndarray) -> np.ndarray:
+    """Parzen's lag window.
+
+    Parameters
+    ----------
+    x : ndarray
+        Lag over the width, 0 or more.
+
+    Returns
+    -------
+    ndarray
+        1 at zero, 0 from 1 on.
+    """
+    return np.where(x <= 0.5, 1.0 - 6.0 * x**2 + 6.0 * x**3, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)

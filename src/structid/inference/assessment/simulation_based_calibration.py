@@ -1,0 +1,392 @@
+"""Simulation-based calibration: whether a posterior covers what it says it covers, where the truth is known.
+
+Parameters are drawn from the prior, a measurement is simulated with each, and each replica is calibrated. If prior, model,
+likelihood and sampler fit together, the rank of the true parameter among the posterior draws is uniform (S. Talts et al. 2018,
+arXiv 1804.06788), and an interval of 90 % holds it in nine replicas of ten.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.stats
+
+from structid.errors import ConvergenceError, InputError
+from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.posterior import Posterior, batches
+from structid.inference.sampling.sampler import Block
+from structid.inference.sampling.tempered import SMC
+from structid.inference.target import Target
+from structid.journal import digest
+from structid.models.face import JaxModel, Model, Progress
+from structid.units import label
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
+"""A population for each replica; the replicas are tempered side by side."""
+LEVEL = 0.01
+"""Probability with which right ranks would be called wrong."""
+ENOUGH_REPLICAS = 100
+"""Fewer replicas see gross mistakes alone."""
+FEWEST_REPLICAS = 20
+"""Fewer replicas tell nothing of a distribution."""
+
+_STREAM = {"truth": 41, "noise": 42}
+
+
+@dataclass(frozen=True, eq=False)
+class Ranks:
+    """Outcome of a simulation-based calibration.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Parameters and their display units.
+    truth : ndarray, shape (replica, parameter)
+        Drawn from the prior, in SI.
+    draws : ndarray, shape (replica, draw, parameter)
+        Of each replica's posterior, in SI.
+    ranks : ndarray, shape (replica, parameter)
+        How many of each replica's last particles lie below the truth.
+    particles : int
+        How many those are: ranks go from 0 to this number.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    truth: np.ndarray = field(repr=False)
+    draws: np.ndarray = field(repr=False)
+    ranks: np.ndarray = field(repr=False)
+    particles: int
+
+    @cached_property
+    def p_values(self) -> np.ndarray:
+        """Probability of ranks as uneven as these were they uniform, by χ² over bins, shape (parameter,)."""
+        counts = self.histogram(self.bins)
+        return np.asarray(scipy.stats.chisquare(counts, axis=1).pvalue)
+
+    @property
+    def bins(self) -> int:
+        """Bins of the histograms: at least ten replicas in each, and at most twenty."""
+        return int(np.clip(len(self.truth) // 10, 2, 20))
+
+    def histogram(self, bins: int) -> np.ndarray:
+        """Count the ranks.
+
+        Parameters
+        ----------
+        bins : int
+            How many bins.
+
+        Returns
+        -------
+        ndarray, shape (parameter, bin)
+            Replicas in each.
+        """
+        # Ranks are whole numbers: jittered within theirs, bins that do not divide them have equal probability.
+        rng = np.random.default_rng(0)
+        place = (self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1)
+        return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in place.T])
+
+    @property
+    def uniform(self) -> bool:
+        """Whether no parameter's ranks are uneven, at the 1 % level over all of them."""
+        return bool(self.p_values.min() > LEVEL / len(self.names))
+
+    def coverage(self, probability: float) -> np.ndarray:
+        """Share of the replicas whose central interval holds the truth.
+
+        Parameters
+        ----------
+        probability : float
+            Of the interval.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            Equal to `probability` but for the finite number of replicas, if all is well.
+        """
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(self.draws, [tail, 1.0 - tail], axis=1)
+        return np.asarray(((self.truth >= low) & (self.truth <= high)).mean(axis=0))
+
+    @property
+    def verdict(self) -> str:
+        """In a sentence."""
+        count, worst = len(self.truth), int(np.argmin(self.p_values))
+        p, name = self.p_values[worst], self.names[worst]
+        if self.uniform:
+            told = (
+                f"Calibrated: the ranks of the truth are uniform in {count} replicas (smallest p = {p:.2g}, of {name})."
+            )
+            if count < ENOUGH_REPLICAS:
+                unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
+                told += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
+            return told
+        # Too sure: the truth is often outside of all draws; too careful: it is hardly ever.
+        half = self.coverage(0.5)[worst]
+        how = "too narrow" if half < 0.42 else "too wide" if half > 0.58 else "shifted or of another shape"
+        return (
+            f"NOT CALIBRATED: the ranks of {name} are uneven in {count} replicas (p = {p:.1g}): its posteriors are {how}. "
+            f"Intervals of 90 % hold the truth in {self.coverage(0.9)[worst]:.0%}."
+        )
+
+    def __str__(self) -> str:
+        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
+        width = max(len(h) for h in heads)
+        lines = [self.verdict, "".ljust(width) + "  50 % holds  90 % holds   p of the ranks"]
+        for head, half, most, p in zip(heads, self.coverage(0.5), self.coverage(0.9), self.p_values, strict=True):
+            lines.append(f"{head.ljust(width)}{half:12.0%}{most:12.0%}{p:17.3g}")
+        return "\n".join(lines)
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the rank histograms.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            File name without ending.
+
+        Returns
+        -------
+        Figure
+            A panel a parameter.
+        """
+        from structid.figures.calibration import ranks
+
+        return ranks(
+            self.names, self.histogram(self.bins), len(self.truth), self.coverage(0.5), self.coverage(0.9), save=save
+        )
+
+
+def sbc(
+    posterior: Posterior,
+    replicas: int = 200,
+    *,
+    seed: int = 0,
+    explorer: SMC = EXPLORER,
+    simulator: Model | None = None,
+    noise: Discrepancy | None = None,
+    progress: Progress | None = None,
+) -> Ranks:
+    """Simulate measurements with parameters drawn from the prior, and calibrate to each.
+
+    The replicas are sampled side by side by tempered SMC, a population each. The prior of an error variance that depends on the
+    measurement is that of the posterior's own, for all replicas.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On a built-in model or a surrogate; what was measured in it does not matter but for that.
+    replicas : int
+        How many.
+    seed : int
+        Seed.
+    explorer : SMC
+        Particles of a replica, and their moves.
+    simulator : Model, optional
+        What simulates the measurements, if not the posterior's own model: the model behind a surrogate, so that the surrogate's
+        error is put to the test too.
+    noise : Discrepancy, optional
+        What disturbs them, if not the posterior's own law; its parameters must be known.
+    progress : callable, optional
+        Told how far it is, in hundredths.
+
+    Returns
+    -------
+    Ranks
+        Ranks, coverage, verdict; ``print`` it.
+
+    Raises
+    ------
+    InputError
+        If there are too few replicas, or the posterior's model is not one of structid's own.
+    ConvergenceError
+        If most simulations at draws of the prior fail.
+    """
+    if replicas < FEWEST_REPLICAS:
+        raise InputError("sbc(replicas)", f"{replicas}", f"{FEWEST_REPLICAS} or more, best 200")
+    truth, values = _simulated(posterior, replicas, seed, simulator, noise)
+    target = ReplicatedPosterior(posterior, values)
+    blocks: list[Block] = []
+    drawn = replace(explorer, ensembles=replicas).run(
+        target, seed, None, [], lambda _index, block: blocks.append(block), progress
+    )
+    theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)
+    ranks = (theta[-1] < truth[:, None, :]).sum(axis=1)
+    # Five of the steps: particles of neighbouring ones say the same.
+    some = theta[:: max(1, explorer.steps // 5)].transpose(1, 0, 2, 3).reshape(replicas, -1, posterior.dimension)
+    return Ranks(
+        posterior.names, tuple(posterior.units.values()), truth, some, ranks, explorer.particles
+    )  # fmt: skip
+
+
+def _simulated(
+    posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """True parameters, and what each observation would have shown, (replica, time, channel)."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["truth"]]))
+    source = posterior if simulator is None else posterior.on(simulator)
+    truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)
+    for attempt in range(10):
+        draws = posterior.space.from_uniform(rng.random((replicas, posterior.dimension)))
+        clean = [source.predict(draws, i) for i in range(len(posterior.observations))]
+        good = np.stack([np.isfinite(c).all(axis=(1, 2)) for c in clean]).all(axis=0)
+        kept = [c[good] for c in clean]
+        values = kept if attempt == 0 else [np.concatenate([v, c]) for v, c in zip(values, kept, strict=True)]
+        truth = np.concatenate([truth, draws[good]])
+        if len(truth) >= replicas:
+            break
+    else:
+        raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
+    truth, values = truth[:replicas], [v[:replicas] for v in values]
+    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["noise"]]))
+    law = posterior.discrepancy if noise is None else noise
+    for index, observation in enumerate(posterior.observations):
+        unknown, dt = posterior.unknowns(truth, index), observation.record.dt
+        shape = (replicas, len(observation.values), len(observation.channels))
+        values[index] = values[index] + law.draw(rng, shape, unknown, observation.channels, dt)
+    return truth, values
+
+
+class ReplicatedPosterior(Target):
+    """The posteriors of many measurements side by side: points come replica by replica, as many for each.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Prior, model and law that all share.
+    values : sequence of ndarray, shape (replica, time, channel)
+        What each observation shows in every replica.
+    """
+
+    def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
+        if not isinstance(posterior.model, JaxModel):
+            raise InputError(
+                "sbc",
+                f"a posterior on a {type(posterior.model).__name__}, which would be run a million times",
+                "a posterior on a built-in model or a surrogate",
+                "Fit a surrogate to runs over the whole prior, and give the solver as simulator.",
+            )
+        if posterior.model_error:
+            raise InputError(
+                "sbc",
+                "a posterior with model_error=True, whose likelihood knows one measurement only",
+                "a posterior without",
+                "Whether the surrogate's error matters is seen by giving the model behind it as simulator.",
+            )
+        self.names, self.bijection = posterior.names, posterior.bijection
+        self._posterior = posterior
+        self._values = [np.ascontiguousarray(v.transpose(1, 2, 0)) for v in values]
+        self._count = len(values[0])
+
+    @property
+    def knows_prior(self) -> bool:
+        """Always."""
+        return True
+
+    @cached_property
+    def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Stages of the records, and what each observation shows in every replica (time, channel, replica)."""
+        return [(stages, values) for (stages, *_), values in zip(self._posterior.data, self._values, strict=True)]
+
+    @cached_property
+    def _compiled(self) -> Callable[..., Any]:
+        from structid.device import jnp, over_runs
+
+        p, model = self._posterior, self._posterior.model
+        assert isinstance(model, JaxModel)
+
+        def parts(phi_and_replica: Any, data: Any) -> tuple[Any, Any, Any]:
+            phi, which = phi_and_replica[:, :-1], phi_and_replica[:, -1].astype(int)
+            theta, jacobian = p.bijection.forward(phi)
+            prior = p.space.jax_log_density(theta)
+            total, finite = jnp.zeros(len(theta)), jnp.ones(len(theta), dtype=bool)
+            for index, (stages, values) in enumerate(data):
+                response, good = model.response(p.model_parameters(theta), p.observations[index].record, stages)
+                total += p.likelihood_given(response, theta, values[:, :, which], index)
+                finite &= good
+            good = finite & jnp.isfinite(total) & jnp.isfinite(prior)
+            return prior + jacobian, jnp.where(good, total, -jnp.inf), jnp.isfinite(prior) & ~good
+
+        return over_runs(parts)
+
+    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Prior and likelihood apart; see `Target.evaluate_parts`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates, replica by replica.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log prior with respect to φ, log-likelihood, and where a simulation failed.
+        """
+        which = np.repeat(np.arange(self._count), len(phi) // self._count)
+        rows = np.concatenate([phi, which[:, None]], axis=1)
+        parts = [self._compiled(rows[some], self._data) for some in batches(len(rows))]
+        prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
+        return prior, likelihood, failed
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density; see `Target.evaluate`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates, replica by replica.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log density, and where a simulation failed.
+        """
+        prior, likelihood, failed = self.evaluate_parts(phi)
+        return prior + likelihood, failed
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density with respect to the parameters; see `Target.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In SI, replica by replica.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where a simulation failed.
+        """
+        phi = self.bijection.inverse(theta)
+        return self.evaluate(phi)[0] - self.bijection(phi)[1]
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw from the prior; see `Target.initial`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        return self._posterior.initial(count, rng)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of the posterior and the measurements."""
+        return digest(self._posterior.content_hash, *self._values)

@@ -1,0 +1,1 @@
+"""Likelihood: what was measured, the law of the discrepancy, the posterior."""

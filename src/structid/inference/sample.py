@@ -1,0 +1,98 @@
+"""Draw from a target with a sampler, block by block, each block on disk before the next."""
+
+from __future__ import annotations
+
+import os
+import time
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.inference.sampling.chain_store import ChainStore
+from structid.inference.sampling.ensemble import AIES
+from structid.inference.sampling.sampler import Block, Sampler
+from structid.inference.sampling_result import SamplingResult
+from structid.inference.target import Target
+from structid.journal import digest
+from structid.models.face import Progress
+
+
+def sample(
+    target: Target,
+    sampler: Sampler | None = None,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    start: np.ndarray | None = None,
+    progress: Progress | None = None,
+) -> SamplingResult:
+    """Draw from a target.
+
+    Parameters
+    ----------
+    target : Target
+        A `Posterior`, or any `LogDensity`.
+    sampler : AIES, SMC, NUTS or DelayedAcceptance, optional
+        The sampler and its settings; AIES when left out.
+    seed : int
+        Seed; the same one gives the same draws.
+    store : path-like, optional
+        HDF5 file for the draws. A killed run continues from it to the same bits; a finished one is read; with more steps it is
+        continued. A store of another target, sampler or seed is refused.
+    start : array-like, shape (point, parameter), optional
+        For AIES, NUTS and delayed acceptance: points in SI, inside the support, among which the walkers start; drawn from the
+        target's prior, or tempered posterior, when left out.
+        Spread them wider than the posterior, or R-hat has nothing to find.
+    progress : callable, optional
+        Told how far it is, and of how much.
+
+    Returns
+    -------
+    SamplingResult
+        Draws, diagnostics, verdict.
+
+    Raises
+    ------
+    StoreMismatchError
+        If `store` belongs to another run.
+    """
+    sampler = AIES() if sampler is None else sampler
+    if seed < 0:
+        raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
+    identity = {
+        "target": target.content_hash,
+        "names": list(target.names),
+        "sampler": sampler.describe(),
+        "seed": seed,
+        "start": None if start is None else digest(np.asarray(start, dtype=np.float64)),
+    }
+    chains = None if store is None else ChainStore(store, identity)
+    blocks = [] if chains is None else chains.blocks()
+    seconds = {index: float(block["seconds"].sum()) for index, block in enumerate(blocks)}
+    clock = time.perf_counter()
+
+    def keep(index: int, block: Block) -> None:
+        nonlocal clock
+        seconds[index], clock = time.perf_counter() - clock, time.perf_counter()
+        steps = len(block["log_density"])
+        block["seconds"] = np.full(steps, seconds[index] / steps)
+        if chains is not None:
+            chains.append(index, block)
+
+    drawn = sampler.run(target, seed, start, blocks, keep, progress)
+    if chains is not None:
+        chains.finish()
+    theta, jacobian = target.bijection(drawn.phi.reshape(-1, drawn.phi.shape[-1]))
+    return SamplingResult(
+        target=target,
+        sampler=sampler,
+        seed=seed,
+        history=theta.reshape(drawn.phi.shape),
+        log_density=drawn.log_density - jacobian.reshape(drawn.log_density.shape),
+        coordinate_log_density=drawn.log_density,
+        accepted=drawn.accepted,
+        failed_simulations=drawn.failed,
+        seconds=sum(seconds.values()),
+        log_evidence=drawn.log_evidence,
+        cost=drawn.cost,
+        divergent=drawn.divergent,
+    )

@@ -1,0 +1,1 @@
+"""Sampling: the samplers, their moves, and their draws on disk."""

@@ -1,0 +1,430 @@
+"""Delayed acceptance: a surrogate makes long proposals, and each is accepted or refused by one run of the model itself.
+
+J. A. Christen & C. Fox (2005), "Markov chain Monte Carlo using an approximation", doi 10.1198/106186005X76983; several steps of
+the approximation as one proposal: J. S. Liu (2001), "Monte Carlo Strategies in Scientific Computing", §9.4.3. The draws are
+those of the model's posterior whatever the surrogate; a bad one only makes them slower.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from structid.errors import ConvergenceError, InputError
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
+from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
+from structid.inference.sampling.starting import tempered_draws
+from structid.inference.target import Target
+from structid.models.face import JaxModel, Model, Progress
+
+START_TRIES = 5
+"""Rounds of looking for starting points at which the model itself has a density."""
+GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
+"""Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
+PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
+"""Every so many steps is a plain ensemble move without the surrogate: walkers where it gives far too little density would never
+leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
+DECORRELATED = 0.2
+"""Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
+
+_PURPOSE = {"start": 21, "steps": 22}
+
+
+@dataclass(frozen=True, eq=False)
+class DelayedAcceptance(Sampler):
+    """Settings of delayed acceptance with ensemble moves.
+
+    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch and
+    differential-evolution moves that look only at the resting half, which stays where it is, and independence moves by a law that
+    is learnt in the first steps. Where it ends, x′, is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of
+    the model for each. Every twentieth step, with a poor surrogate every third, is a plain ensemble move, so that the chain is
+    never worse by much than one without a surrogate.
+
+    Parameters
+    ----------
+    approximation : Surrogate, Model or Target
+        What makes the proposals: a model in the place of the posterior's, or a density of the same parameters. A study gives the
+        surrogate it has fitted.
+    walkers : int
+        Walkers in an ensemble, even and at least twice the number of parameters.
+    steps : int
+        Steps of every walker: so many runs of the model each.
+    ensembles : int
+        Ensembles that know of one another only while the law of the independence moves is learnt; R-hat compares them.
+    discard : float
+        Fraction of the steps dropped at the start.
+    tuning : int
+        First steps during which L is tuned by the acceptance, and the law of the independence moves is learnt; they must lie within
+        the discarded part. With 1 or none that law is always of the resting half alone.
+    sub_steps : int
+        L to begin with.
+    most_sub_steps : int
+        L at most.
+    stretch : float
+        a of the stretch move.
+    independent : float
+        Fraction of the moves that are independence moves: drawn from a law fitted to all walkers of the later half of the tuning.
+    differential_evolution : float
+        Fraction of the other moves that are differential-evolution moves in the place of the stretch.
+    """
+
+    approximation: Model | Target | None = field(default=None, repr=False)
+    walkers: int = 32
+    steps: int = 30
+    ensembles: int = 4
+    discard: float = 0.34
+    tuning: int = 10
+    sub_steps: int = 16
+    most_sub_steps: int = 256
+    stretch: float = 2.0
+    independent: float = 0.5
+    differential_evolution: float = 0.5
+
+    # Sub-chains are made as long as the surrogate's posterior forgets in.
+    needed_length: ClassVar[float] = 5.0
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("walkers", 4), ("steps", 2), ("ensembles", 1), ("tuning", 0), ("sub_steps", 1), ("most_sub_steps", 1),
+        ):  # fmt: skip
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"DelayedAcceptance.{name}", f"{value!r}", f"a whole number, {least} or more")
+        if self.walkers % 2:
+            raise InputError("DelayedAcceptance.walkers", f"{self.walkers}", "an even number: two halves take turns")
+        if not self.stretch > 1.0:
+            raise InputError("DelayedAcceptance.stretch", f"{self.stretch}", "a number above 1")
+        for name in ("independent", "differential_evolution"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"DelayedAcceptance.{name}", f"{getattr(self, name)}", "a fraction from 0 to 1")
+        if not 0.0 <= self.discard < 1.0:
+            raise InputError("DelayedAcceptance.discard", f"{self.discard}", "a fraction from 0 to below 1")
+        if self.tuning > int(self.discard * self.steps):
+            raise InputError(
+                "DelayedAcceptance.tuning",
+                f"{self.tuning}",
+                f"at most the {int(self.discard * self.steps)} steps that are discarded",
+                "A chain that is being tuned is no Markov chain: its steps must not be kept.",
+            )
+
+    def describe(self) -> dict[str, float | str]:
+        """Settings that decide the draws: all but the number of steps and what is dropped.
+
+        Returns
+        -------
+        dict
+            For hashes; more steps continue the same chain.
+        """
+        said = {
+            f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("approximation", "steps", "discard")
+        }
+        approximation = "" if self.approximation is None else self.approximation.content_hash
+        return {"kind": "delayed_acceptance", "approximation": approximation, **said}
+
+    @property
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+        return (
+            f"delayed acceptance, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, "
+            f"{self.discard:.0%} discarded: the model itself decides on every step"
+        )
+
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw; see `Sampler.run`.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample: a posterior on the model itself.
+        seed : int
+            Seed.
+        start : ndarray (point, parameter) or None
+            Points in SI among which the walkers start; those of the tempered surrogate posterior when left out.
+        blocks : list of dict
+            What is already on disk; a block is one step.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Told how many steps are done.
+
+        Returns
+        -------
+        Drawn
+            Every step, the discarded ones included, and what they cost.
+        """
+        proposing = self._proposing(target)
+        if self.walkers < 2 * target.dimension:
+            raise InputError(
+                "DelayedAcceptance.walkers",
+                f"{self.walkers} for {target.dimension} parameters",
+                f"{2 * target.dimension} or more: an ensemble must span the space",
+            )
+        if not blocks:
+            state, runs, failed = self._start(target, proposing, seed, start)
+            none, length = np.zeros(state.log_density.shape, dtype=bool), self.sub_steps
+            blocks = [_block(state, none, 0, failed, runs, 0, length, length, PLAIN_EVERY)]
+            keep(0, blocks[0])
+        law = self._learnt_law(blocks)
+        for number in range(len(blocks), self.steps):
+            rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
+            state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
+            plain_every = int(last["plain_every"][-1])
+            if number >= self.tuning and number % plain_every == plain_every - 1:
+                block = self._plain_step(target, proposing, state, length, plain_every, rng)
+            else:
+                moves = self._moves(law)
+                block = self._step(target, proposing, state, moves, length, plain_every, number < self.tuning, rng)
+            keep(number, block)
+            blocks = [*blocks, block]
+            if number < self.tuning:
+                law = self._learnt_law(blocks)
+            if progress is not None:
+                progress(number + 1, self.steps)
+        every = joined(blocks, self.steps)
+        kept = (np.arange(self.steps) >= int(self.discard * self.steps)) & (every["surrogate_runs"] > 0)
+        proposals = every["proposals"][kept].sum()
+        cost = Cost(
+            true_runs=int(every["true_runs"].sum()),
+            surrogate_runs=int(every["surrogate_runs"].sum()),
+            acceptance=float(every["accepted"][kept].sum() / proposals) if proposals else float("nan"),
+            sub_steps=int(every["sub_steps"][-1]),
+        )
+        return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()), None, cost)
+
+    def _moves(self, law: IndependenceLaw | None = None) -> Moves:
+        """Which moves, with a law for those that are independent."""
+        return Moves(self.stretch, self.differential_evolution, self.independent, law)
+
+    def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw | None:
+        """Law of all walkers in the later half of the steps that tune, many more than rest in one ensemble; then it stays so.
+
+        None before there is a step, for where walkers start may be anything.
+        """
+        last = min(len(blocks), self.tuning)
+        learnt = [TwoStageState.of(block) for block in blocks[max(1, last // 2) : last]]
+        if not learnt:
+            return None
+        phi, log_surrogate = (np.stack([getattr(s, name) for s in learnt]) for name in ("phi", "log_surrogate"))
+        together = EnsembleState(phi.reshape(1, -1, phi.shape[-1]), log_surrogate.reshape(1, -1))
+        return IndependenceLaw.fitted(together).shared_by(self.ensembles)
+
+    def _proposing(self, target: Target) -> Target:
+        """The density that makes the proposals."""
+        approximation = self.approximation
+        if isinstance(approximation, Model) and isinstance(target, Posterior):
+            approximation = target.on(approximation, refuse_unfit=False)  # exact whatever its error
+        if not isinstance(approximation, Target) or approximation.names != target.names:
+            raise InputError(
+                "DelayedAcceptance.approximation",
+                "nothing" if approximation is None else f"a {type(approximation).__name__}",
+                f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
+            )
+        return approximation
+
+    def _start(
+        self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
+    ) -> tuple[TwoStageState, int, int]:
+        """Starting points at which both densities are finite; true runs they took, and how many failed."""
+        rng = stream(seed, _PURPOSE["start"], 0)
+        if points is None:
+            candidates = tempered_draws(proposing, seed)
+        else:
+            candidates = target.bijection.inverse(np.asarray(points, dtype=np.float64))
+        wanted = self.ensembles * self.walkers
+        phi, log_density = np.empty((0, target.dimension)), np.empty(0)
+        runs = failed_runs = 0
+        for _ in range(START_TRIES):
+            fresh = candidates[rng.integers(len(candidates), size=wanted - len(phi))]
+            value, failed = target.evaluate(fresh)
+            runs, failed_runs = runs + len(fresh), failed_runs + int(failed.sum())
+            # Where the surrogate gives no density, no proposal could ever be accepted.
+            good = np.isfinite(value) & np.isfinite(proposing.evaluate(fresh)[0])
+            phi, log_density = np.concatenate([phi, fresh[good]]), np.concatenate([log_density, value[good]])
+            if len(phi) >= wanted:
+                break
+        else:
+            raise ConvergenceError(
+                f"Only {len(phi)} of {runs} points of the surrogate's posterior have a density under the model itself "
+                f"({failed_runs} simulations failed). Do more true runs there: structid.calibrate does."
+            )
+        phi, log_density = phi[:wanted], log_density[:wanted]
+        shape = (self.ensembles, self.walkers)
+        log_surrogate = proposing.evaluate(phi)[0].reshape(shape)
+        return TwoStageState(phi.reshape(*shape, -1), log_density.reshape(shape), log_surrogate), runs, failed_runs
+
+    def _step(
+        self,
+        target: Target,
+        proposing: Target,
+        state: TwoStageState,
+        moves: Moves,
+        length: int,
+        plain_every: int,
+        tuning: bool,
+        rng: np.random.Generator,
+    ) -> Block:
+        """Move one half of every ensemble, then the other: a sub-chain and a true run for each walker."""
+        before, state = state.phi, state.copied()
+        phi, log_density, log_surrogate = state
+        ends = phi.copy()
+        accepted = np.zeros(log_density.shape, dtype=bool)
+        failed_runs = true_runs = surrogate_runs = proposals = 0
+        for moving, resting in halves(self.walkers):
+            # L moves of one half under the surrogate's posterior, the other half frozen: where they end, and log π_s there.
+            half, others = state.under_surrogate.part(moving).copied(), state.under_surrogate.part(resting)
+            for kind in moves.there_and_back(rng, length):
+                move_walkers(rng, proposing, half, others, moves, kind)
+            proposal, value = half
+            surrogate_runs += length * value.size
+            ends[:, moving] = proposal
+            # From where the surrogate gives no density, nothing can be accepted.
+            moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
+            proposals += int(moved.sum())
+            new_true, count, failed = _true_density(target, proposal, moved)
+            true_runs, failed_runs = true_runs + count, failed_runs + failed
+            # min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}
+            log_now, log_then = log_density[:, moving] + value, new_true + log_surrogate[:, moving]
+            better = moved & (np.log(rng.random(value.shape)) + log_now < log_then)
+            phi[:, moving][better], log_density[:, moving][better] = proposal[better], new_true[better]
+            log_surrogate[:, moving][better] = value[better]
+            accepted[:, moving] = better
+        following = length
+        if tuning:
+            # Sub-chains of few moves may go nowhere: the model has not refused them, and they should be longer, not shorter.
+            acceptance = float(accepted.sum()) / proposals if proposals else 1.0
+            following = self._tuned(length, acceptance, before, ends)
+            plain_every = PLAIN_EVERY if acceptance > GOOD_ACCEPTANCE else PLAIN_EVERY_WITH_A_POOR_ONE
+        return _block(
+            state, accepted, proposals, failed_runs, true_runs, surrogate_runs, length, following, plain_every
+        )
+
+    def _plain_step(
+        self,
+        target: Target,
+        proposing: Target,
+        state: TwoStageState,
+        length: int,
+        plain_every: int,
+        rng: np.random.Generator,
+    ) -> Block:
+        """The same by a single ensemble move, without the surrogate."""
+        # A law that was learnt under a poor surrogate is no guess of the posterior; one of the half at rest is, always.
+        state, moves = state.copied(), self._moves()
+        accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
+        for moving, resting in halves(self.walkers):
+            model = state.under_model
+            accepted[:, moving], failed = move_walkers(rng, target, model.part(moving), model.part(resting), moves)
+            failed_runs += failed
+        log_surrogate = proposing.evaluate(state.phi.reshape(-1, state.phi.shape[2]))[0]
+        state = state._replace(log_surrogate=log_surrogate.reshape(state.log_surrogate.shape))
+        return _block(state, accepted, accepted.size, failed_runs, accepted.size, 0, length, length, plain_every)
+
+    def _tuned(self, length: int, acceptance: float, before: np.ndarray, ends: np.ndarray) -> int:
+        """L of the next step: longer while most proposals are accepted and still resemble where they began."""
+        if acceptance < POOR_ACCEPTANCE:
+            return max(1, length // 2)
+        if acceptance > GOOD_ACCEPTANCE and correlation(before, ends) > DECORRELATED:
+            return min(2 * length, self.most_sub_steps)
+        return length
+
+
+class TwoStageState(NamedTuple):
+    """Where every walker is, and both log densities there.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, walker, parameter)
+        Unconstrained coordinates.
+    log_density, log_surrogate : ndarray, shape (ensemble, walker)
+        Log densities under the model itself and under the surrogate, with respect to φ.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+    log_surrogate: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block) -> TwoStageState:
+        """State at the end of a block.
+
+        Parameters
+        ----------
+        block : dict
+            A step.
+
+        Returns
+        -------
+        TwoStageState
+            Where every walker is.
+        """
+        return cls(block["phi"][-1], block["log_density"][-1], block["log_surrogate"][-1])
+
+    @property
+    def under_model(self) -> EnsembleState:
+        """Walkers and their density under the model itself; views."""
+        return EnsembleState(self.phi, self.log_density)
+
+    @property
+    def under_surrogate(self) -> EnsembleState:
+        """Walkers and their density under the surrogate; views."""
+        return EnsembleState(self.phi, self.log_surrogate)
+
+    def copied(self) -> TwoStageState:
+        """The same in arrays of its own.
+
+        Returns
+        -------
+        TwoStageState
+            Copies of the arrays.
+        """
+        return TwoStageState(self.phi.copy(), self.log_density.copy(), self.log_surrogate.copy())
+
+
+def _block(
+    state: TwoStageState,
+    accepted: np.ndarray,
+    proposals: int,
+    failed: int,
+    true_runs: int,
+    surrogate_runs: int,
+    sub_steps: int,
+    next_sub_steps: int,
+    plain_every: int,
+) -> Block:
+    return {
+        "phi": state.phi[None],
+        "log_density": state.log_density[None],
+        "log_surrogate": state.log_surrogate[None],
+        "accepted": accepted[None],
+        "proposals": np.array([proposals]),
+        "failed": np.array([failed]),
+        "true_runs": np.array([true_runs]),
+        "surrogate_runs": np.array([surrogate_runs]),
+        "sub_steps": np.array([sub_steps]),
+        "next_sub_steps": np.array([next_sub_steps]),
+        "plain_every": np.array([plain_every]),
+    }
+
+
+def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
+    """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
+    density = np.full(moved.shape, -np.inf)
+    # An external solver is spared the runs of sub-chains that went nowhere; batches of a built-in one stay of one size, since
+    # each size is compiled.
+    external = isinstance(target, Posterior) and not isinstance(target.model, JaxModel)
+    rows = moved if external else np.ones_like(moved)
+    if not rows.any():
+        return density, 0, 0
+    density[rows], failed = target.evaluate(proposal[rows])
+    return density, int(rows.sum()), int(failed.sum())

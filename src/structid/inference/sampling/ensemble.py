@@ -1,0 +1,310 @@
+"""AIES: the affine-invariant ensemble sampler, several independent ensembles in one batch.
+
+J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
+doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from structid.errors import ConvergenceError, InputError
+from structid.inference.sampling.moves import EnsembleState, Moves, halves, move_walkers
+from structid.inference.sampling.sampler import (
+    BLOCK_STEPS,
+    Block,
+    Drawn,
+    Keep,
+    Sampler,
+    block_lengths,
+    joined,
+    stream,
+    without_cut_off,
+)
+from structid.inference.target import Target
+from structid.models.face import Progress
+
+SETTLING_GAP = 30.0
+"""Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
+START_TRIES = 50
+"""Rounds of drawing starting points of finite density."""
+_PURPOSE = {"start": 1, "moves": 2, "settling": 3}
+
+
+@dataclass(frozen=True)
+class AIES(Sampler):
+    """Settings of the affine-invariant ensemble sampler.
+
+    Parameters
+    ----------
+    walkers : int
+        Walkers in an ensemble, even and at least twice the number of parameters.
+    steps : int
+        Steps of every walker.
+    ensembles : int
+        Independent ensembles; R-hat compares them.
+    stretch : float
+        a of the stretch move: Z ~ 1/√z on [1/a, a].
+    differential_evolution : float
+        Fraction of the steps that use a differential-evolution move in the place of the stretch.
+    discard : float
+        Fraction of the steps dropped at the start.
+    start_candidates : int
+        Points drawn from the prior for every walker; a walker starts at one of them, chosen with a probability that grows
+        with its density rank. 1 starts from plain prior draws.
+    settling_steps : int
+        During this many first steps, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
+        their ensemble's median are put where a random healthy walker of that ensemble is. It frees walkers caught in a
+        false mode; it is no Markov move, so these steps must lie within the discarded part.
+    """
+
+    walkers: int = 100
+    steps: int = 700
+    ensembles: int = 4
+    stretch: float = 2.0
+    differential_evolution: float = 0.0
+    discard: float = 0.5
+    start_candidates: int = 1
+    settling_steps: int = 0
+
+    needed_length: ClassVar[float] = 50.0
+
+    def __post_init__(self) -> None:
+        for name, least in (
+            ("walkers", 4),
+            ("steps", 2),
+            ("ensembles", 1),
+            ("start_candidates", 1),
+            ("settling_steps", 0),
+        ):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"AIES.{name}", f"{value!r}", f"a whole number, {least} or more")
+        if self.walkers % 2:
+            raise InputError("AIES.walkers", f"{self.walkers}", "an even number: the ensemble moves in two halves")
+        if not self.stretch > 1.0:
+            raise InputError("AIES.stretch", f"{self.stretch}", "a number above 1")
+        for name in ("differential_evolution", "discard"):
+            if not 0.0 <= getattr(self, name) < 1.0 + (name == "differential_evolution"):
+                raise InputError(f"AIES.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
+        if self.settling_steps > int(self.discard * self.steps):
+            raise InputError(
+                "AIES.settling_steps",
+                f"{self.settling_steps}",
+                f"at most the {int(self.discard * self.steps)} steps that are discarded",
+                "Settling is no Markov move: its steps must not be kept.",
+            )
+
+    def describe(self) -> dict[str, float]:
+        """Settings that decide the draws: all but the number of steps and what is dropped.
+
+        Returns
+        -------
+        dict
+            For hashes; more steps continue the same chain.
+        """
+        return {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
+
+    @property
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+        return (
+            f"AIES, {self.ensembles} ensembles × {self.walkers} walkers × {self.steps} steps, {self.discard:.0%} discarded, "
+            f"{self.differential_evolution:.0%} differential-evolution moves"
+        )
+
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw; see `Sampler.run`.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample.
+        seed : int
+            Seed.
+        start : ndarray (point, parameter) or None
+            Points in SI among which the walkers start; drawn from the target when left out.
+        blocks : list of dict
+            What is already on disk.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Told how many steps are done.
+
+        Returns
+        -------
+        Drawn
+            Every step, the discarded ones included.
+        """
+        lengths = list(block_lengths(self.steps))
+        blocks = without_cut_off(blocks, lengths)
+        if blocks:
+            state, start_failures = EnsembleState(blocks[-1]["phi"][-1], blocks[-1]["log_density"][-1]), 0
+        else:
+            state, start_failures = starting_state(target, self, seed, start)
+        for index in range(len(blocks), len(lengths)):
+            if 0 < index * BLOCK_STEPS <= self.settling_steps:
+                state = settle(state, seed, index)
+            state, block = run_block(target, self, state, seed, index, lengths[index])
+            if index == 0:
+                block["failed"][0] += start_failures
+            keep(index, block)
+            blocks = [*blocks, block]
+            if progress is not None:
+                progress(sum(lengths[: index + 1]), self.steps)
+        every = joined(blocks, self.steps)
+        return Drawn(every["phi"], every["log_density"], every["accepted"], int(every["failed"].sum()))
+
+
+def starting_state(
+    target: Target, settings: AIES, seed: int, points: np.ndarray | None = None
+) -> tuple[EnsembleState, int]:
+    """Choose starting points of finite density.
+
+    Parameters
+    ----------
+    target : Target
+        What to sample.
+    settings : AIES
+        Walkers, ensembles, candidates.
+    seed : int
+        Seed.
+    points : array-like, shape (point, parameter), optional
+        Where walkers may start, in SI; drawn from the target when left out.
+
+    Returns
+    -------
+    tuple of EnsembleState and int
+        The state, and the number of failed simulations.
+
+    Raises
+    ------
+    ConvergenceError
+        If the density is finite almost nowhere the target suggests.
+    """
+    if settings.walkers < 2 * target.dimension:
+        raise InputError(
+            "AIES.walkers",
+            f"{settings.walkers} for {target.dimension} parameters",
+            f"{2 * target.dimension} or more: an ensemble must span the space",
+        )
+    rng = stream(seed, _PURPOSE["start"], 0)
+    total = settings.ensembles * settings.walkers
+    wanted = total * settings.start_candidates
+    phi, density = np.empty((0, target.dimension)), np.empty(0)
+    failed_simulations = 0
+    for _ in range(START_TRIES):
+        fresh = target.initial(wanted, rng) if points is None else _chosen(target, points, wanted, rng)
+        value, failed = target.evaluate(fresh)
+        failed_simulations += int(failed.sum())
+        good = np.isfinite(value)
+        phi, density = np.concatenate([phi, fresh[good]]), np.concatenate([density, value[good]])
+        if len(phi) >= wanted:
+            break
+    else:
+        raise ConvergenceError(
+            f"Only {len(phi)} of {START_TRIES * wanted} starting points have a finite log density "
+            f"({failed_simulations} simulations failed). Check the priors: most of what they allow cannot be simulated "
+            "or has no likelihood."
+        )
+    phi, density = phi[:wanted], density[:wanted]
+    if settings.start_candidates > 1:
+        # Each ensemble draws its own walkers from its own candidates; Gumbel noise on the ranks keeps them dispersed.
+        groups = density.reshape(settings.ensembles, -1)
+        rank = np.argsort(np.argsort(groups, axis=1), axis=1)
+        score = rank / settings.walkers + rng.gumbel(size=rank.shape)
+        chosen = np.argsort(-score, axis=1)[:, : settings.walkers]
+        chosen = (chosen + np.arange(settings.ensembles)[:, None] * groups.shape[1]).ravel()
+        phi, density = phi[chosen], density[chosen]
+    shape = (settings.ensembles, settings.walkers)
+    return EnsembleState(phi.reshape(*shape, -1), density.reshape(shape)), failed_simulations
+
+
+def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Draw starting points from given ones, each used as seldom as possible."""
+    points = np.atleast_2d(np.asarray(points, dtype=np.float64))
+    if points.shape[1] != target.dimension or len(points) < 2 * target.dimension:
+        raise InputError(
+            "sample(start)",
+            f"an array of shape {points.shape}",
+            f"({2 * target.dimension} points or more, {target.dimension} parameters)",
+        )
+    rows = np.concatenate([rng.permutation(len(points)) for _ in range(-(-count // len(points)))])[:count]
+    return target.bijection.inverse(points[rows])
+
+
+def run_block(
+    target: Target, settings: AIES, state: EnsembleState, seed: int, index: int, steps: int
+) -> tuple[EnsembleState, Block]:
+    """Move every walker a number of times.
+
+    Parameters
+    ----------
+    target : Target
+        What to sample.
+    settings : AIES
+        The moves.
+    state : EnsembleState
+        Where the walkers are.
+    seed, index : int
+        Seed, and number of the block: together they give its random stream.
+    steps : int
+        How many times every walker moves.
+
+    Returns
+    -------
+    tuple of EnsembleState and dict
+        The state after, and ``phi`` (step, ensemble, walker, parameter), ``log_density``, ``accepted`` (step, ensemble, walker)
+        and ``failed`` simulations (step,).
+    """
+    rng = stream(seed, _PURPOSE["moves"], index)
+    state, moves = state.copied(), Moves(settings.stretch, settings.differential_evolution)
+    ensembles, walkers, dimension = state.phi.shape
+    block: Block = {
+        "phi": np.empty((steps, ensembles, walkers, dimension)),
+        "log_density": np.empty((steps, ensembles, walkers)),
+        "accepted": np.empty((steps, ensembles, walkers), dtype=bool),
+        "failed": np.zeros(steps, dtype=np.int64),
+    }
+    for step in range(steps):
+        for moving, resting in halves(walkers):
+            accepted, failed = move_walkers(rng, target, state.part(moving), state.part(resting), moves)
+            block["accepted"][step, :, moving] = accepted
+            block["failed"][step] += failed
+        block["phi"][step], block["log_density"][step] = state
+    return state, block
+
+
+def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
+    """Put walkers caught in a false mode where healthy ones of their ensemble are.
+
+    Parameters
+    ----------
+    state : EnsembleState
+        After a block.
+    seed, index : int
+        Seed, and number of the block.
+
+    Returns
+    -------
+    EnsembleState
+        Every walker within `SETTLING_GAP` nats of its ensemble's median.
+    """
+    rng = stream(seed, _PURPOSE["settling"], index)
+    phi, density = state.copied()
+    for ensemble in range(len(phi)):
+        lost = density[ensemble] < np.median(density[ensemble]) - SETTLING_GAP
+        hosts = rng.choice(np.flatnonzero(~lost), size=int(lost.sum()))
+        phi[ensemble, lost], density[ensemble, lost] = phi[ensemble, hosts], density[ensemble, hosts]
+    return EnsembleState(phi, density)

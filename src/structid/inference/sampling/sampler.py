@@ -1,0 +1,290 @@
+"""What every sampler is: settings that draw from a target, block by block, and what they return."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structid.inference.target import Target
+from structid.models.face import Progress
+
+Block = dict[str, np.ndarray]
+"""Arrays with a leading step axis."""
+
+BLOCK_STEPS = 50
+"""Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
+
+Keep = Callable[[int, Block], None]
+"""Adds to a block how long it took, and puts it on disk under its number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """log Z, Z = ∫ π₀(θ) L(θ) dθ.
+
+    Parameters
+    ----------
+    value : float
+        log Z.
+    error : float
+        Its standard error.
+    each : ndarray, shape (population,)
+        log Z of independent populations.
+    """
+
+    value: float
+    error: float
+    each: np.ndarray
+
+    @classmethod
+    def of_populations(cls, each: np.ndarray, variance: np.ndarray, lacking: np.ndarray) -> Evidence:
+        """Average the evidence of independent populations.
+
+        Parameters
+        ----------
+        each : ndarray, shape (population,)
+            log Z of each.
+        variance : ndarray, shape (population,)
+            Variance of each log Z by its own particles.
+        lacking : ndarray, shape (population,)
+            What each log Z may lack because its particles had not come to rest.
+
+        Returns
+        -------
+        Evidence
+            The mean of Z. Its error is the larger of what the populations differ by and what their own particles let expect,
+            and to it what they lack, with the error of that: it is no matter of chance, for all of them lack it alike.
+        """
+        count = len(each)
+        value = float(logsumexp(each) - np.log(count))
+        between, unsure = (each.var(ddof=1), lacking.var(ddof=1)) if count > 1 else (0.0, 0.0)
+        error = np.sqrt((max(between, variance.mean()) + unsure) / count + lacking.mean() ** 2)
+        return cls(value, float(error), each)
+
+    def __str__(self) -> str:
+        return f"log evidence {self.value:.2f} ± {self.error:.2f}"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a chain cost that a surrogate proposes to.
+
+    Parameters
+    ----------
+    true_runs : int
+        Runs of the model itself, those of the start included.
+    surrogate_runs : int
+        Runs of the surrogate in sub-chains.
+    acceptance : float
+        Share of the proposals that the model accepted, over the kept steps.
+    sub_steps : int
+        Moves of a sub-chain, as tuned.
+    """
+
+    true_runs: int
+    surrogate_runs: int
+    acceptance: float
+    sub_steps: int
+
+    @property
+    def speed_up(self) -> float:
+        """Moves of the chain for each run of the model, refused ones not counted; without the surrogate each takes a run."""
+        return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.true_runs} true runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
+            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each true run"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a sampler has drawn.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (step, ensemble, walker, parameter)
+        Unconstrained coordinates of every step, the discarded ones included.
+    log_density : ndarray, shape (step, ensemble, walker)
+        Log density with respect to φ.
+    accepted : ndarray of bool, shape (step, ensemble, walker)
+        Whether each proposal was accepted.
+    failed : int
+        Simulations that failed.
+    log_evidence : Evidence, optional
+        Of samplers that know it.
+    cost : Cost, optional
+        Of samplers that run both a model and its surrogate.
+    divergent : int
+        Trajectories that lost their energy, of samplers that follow some.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+    accepted: np.ndarray
+    failed: int
+    log_evidence: Evidence | None = None
+    cost: Cost | None = None
+    divergent: int = 0
+
+
+class Sampler(ABC):
+    """Settings of a sampler; `structid.sample` draws with it."""
+
+    ensembles: int
+    steps: int
+    discard: float
+
+    needed_length: ClassVar[float]
+    """Kept steps, in autocorrelation times, of a converged run."""
+
+    @property
+    @abstractmethod
+    def walkers(self) -> int:
+        """Walkers, particles or chains that know one another, in each ensemble."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Settings that decide the draws, for hashes: more steps continue the same chain.
+
+        Returns
+        -------
+        dict
+            By name.
+        """
+
+    @property
+    @abstractmethod
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+
+    @abstractmethod
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw, going on from the blocks that are there.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample.
+        seed : int
+            Seed; with the number of a block it gives the block's random stream.
+        start : ndarray (point, parameter) or None
+            Points in SI to start from, for samplers that take them.
+        blocks : list of dict
+            What is already on disk, in order.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Told how far it is.
+
+        Returns
+        -------
+        Drawn
+            All draws.
+        """
+
+
+def correlation(before: np.ndarray, after: np.ndarray) -> float:
+    """Largest correlation over the parameters between two places of every walker.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (ensemble, walker, parameter)
+        Where they were, and are.
+
+    Returns
+    -------
+    float
+        1 where none has moved.
+    """
+    a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
+    scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
+    return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))
+
+
+def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
+    """Put blocks together.
+
+    Parameters
+    ----------
+    blocks : list of dict
+        In order.
+    steps : int
+        Steps that are wanted; a stored run may have more.
+
+    Returns
+    -------
+    dict of str to ndarray
+        With a leading step axis.
+    """
+    return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
+
+
+def stream(seed: int, purpose: int, index: int) -> np.random.Generator:
+    """Random numbers of one block of one sampler.
+
+    Parameters
+    ----------
+    seed : int
+        The run's.
+    purpose : int
+        What they are for; another number for everything that draws.
+    index : int
+        The block's.
+
+    Returns
+    -------
+    numpy.random.Generator
+        The same for the same three.
+    """
+    return np.random.default_rng(np.random.SeedSequence([seed, purpose, index]))
+
+
+def block_lengths(steps: int) -> Iterator[int]:
+    """Lengths of the blocks a run is made of.
+
+    Parameters
+    ----------
+    steps : int
+        Steps in all.
+
+    Yields
+    ------
+    int
+        Whole blocks, then what is left.
+    """
+    for begin in range(0, steps, BLOCK_STEPS):
+        yield min(BLOCK_STEPS, steps - begin)
+
+
+def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
+    """Leave out a last block that an earlier, shorter run cut off: its random stream is the whole block's.
+
+    Parameters
+    ----------
+    blocks : list of dict
+        What is on disk.
+    lengths : sequence of int
+        Steps of the blocks of the run that is wanted.
+
+    Returns
+    -------
+    list of dict
+        What may be gone on from.
+    """
+    cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
+    return blocks[:-1] if cut_off else blocks

@@ -1,0 +1,557 @@
+"""What sampling returns: draws, moments, the best point, the verdict, and everything in the ArviZ schema."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import warnings
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.errors import InputError, StructidWarning
+from structid.inference.assessment import prediction as predictive
+from structid.inference.assessment.diagnostics import (
+    BOUND_MASS,
+    BOUND_WIDTH,
+    TAIL_PROBABILITY,
+    Verdict,
+    convergence_failures,
+    parameter_diagnostics,
+    stuck_walkers,
+)
+from structid.inference.assessment.residuals import MUCH_WIDER, WhitenedResidual, robust_covariance, whitened_residuals
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Cost, Evidence, Sampler
+from structid.inference.target import Target
+from structid.models.face import JaxModel
+from structid.optimize import pattern_search
+from structid.probability.marginals import Uniform
+from structid.probability.space import ParameterSpace
+from structid.units import label
+
+if TYPE_CHECKING:
+    import xarray
+
+THINNED_DRAWS = 1000
+"""Draws used for predictive histories."""
+STORED_DRAWS = 300
+"""Draws whose predictive histories and pointwise likelihoods are put into the ArviZ groups."""
+SURROGATE_NATS = 2.0
+"""Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
+UNEXPLAINED_LIMIT = 0.25
+"""Fraction of the measurement's variance left unexplained from which the reader is warned."""
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Posterior moments, quantiles, best point and diagnostics, a row a parameter, in display units.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Parameters and their display units.
+    columns : dict of str to ndarray, shape (parameter,)
+        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
+        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: dict[str, np.ndarray]
+
+    def row(self, name: str) -> dict[str, float]:
+        """One parameter's figures.
+
+        Parameters
+        ----------
+        name : str
+            The parameter.
+
+        Returns
+        -------
+        dict of str to float
+            By column.
+        """
+        index = self.names.index(name)
+        return {column: float(values[index]) for column, values in self.columns.items()}
+
+    def __str__(self) -> str:
+        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
+        width = max(len(h) for h in heads)
+        lines = ["".ljust(width) + "".join(c.rjust(12) for c in self.columns)]
+        for i, head in enumerate(heads):
+            lines.append(head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values()))
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class SamplingResult:
+    """Draws of a target and what can be said of them.
+
+    Parameters
+    ----------
+    target : Target
+        What was sampled.
+    sampler : Sampler
+        With what settings.
+    seed : int
+        Seed.
+    history : ndarray, shape (step, ensemble, walker, parameter)
+        Every draw in SI, the dropped start included.
+    log_density : ndarray, shape (step, ensemble, walker)
+        Log density with respect to the parameters.
+    coordinate_log_density : ndarray, shape (step, ensemble, walker)
+        Log density in the sampler's coordinates.
+    accepted : ndarray of bool, shape (step, ensemble, walker)
+        Whether each proposal was accepted.
+    failed_simulations : int
+        Simulations inside the prior's support that failed.
+    seconds : float
+        Time spent sampling.
+    log_evidence : Evidence, optional
+        log Z and its error, of samplers that know it.
+    cost : Cost, optional
+        True runs and those of the surrogate, of delayed acceptance.
+    divergent : int
+        Trajectories that lost their energy, of NUTS.
+    """
+
+    target: Target
+    sampler: Sampler
+    seed: int
+    history: np.ndarray = field(repr=False)
+    log_density: np.ndarray = field(repr=False)
+    coordinate_log_density: np.ndarray = field(repr=False)
+    accepted: np.ndarray = field(repr=False)
+    failed_simulations: int
+    seconds: float
+    log_evidence: Evidence | None = None
+    cost: Cost | None = None
+    divergent: int = 0
+
+    # --- draws --------------------------------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return self.target.names
+
+    @property
+    def discarded(self) -> int:
+        """Steps dropped at the start."""
+        return int(self.sampler.discard * len(self.history))
+
+    @property
+    def kept(self) -> np.ndarray:
+        """Kept draws in SI, shape (step, ensemble, walker, parameter)."""
+        return self.history[self.discarded :]
+
+    @property
+    def draws(self) -> np.ndarray:
+        """Kept draws in SI, shape (chain, draw, parameter); a chain is a walker."""
+        steps, ensembles, walkers, dimension = self.kept.shape
+        return self.kept.transpose(1, 2, 0, 3).reshape(ensembles * walkers, steps, dimension)
+
+    @property
+    def flat(self) -> np.ndarray:
+        """All kept draws in SI, shape (draw, parameter)."""
+        return self.kept.reshape(-1, self.target.dimension)
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Posterior means in SI, shape (parameter,)."""
+        return self.flat.mean(axis=0)
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Posterior standard deviations in SI, shape (parameter,)."""
+        return self.flat.std(axis=0)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Posterior covariance in SI, shape (parameter, parameter)."""
+        return np.cov(self.flat.T).reshape(self.target.dimension, -1)
+
+    def quantile(self, p: float | np.ndarray) -> np.ndarray:
+        """Quantiles of the marginals.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Probabilities.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            In SI.
+        """
+        return np.quantile(self.flat, p, axis=0)
+
+    def thinned(self, count: int = THINNED_DRAWS) -> np.ndarray:
+        """Draws spread evenly over all kept steps and walkers.
+
+        Parameters
+        ----------
+        count : int
+            At most how many.
+
+        Returns
+        -------
+        ndarray, shape (draw, parameter)
+            In SI.
+        """
+        total = len(self.flat)
+        # A golden-ratio stride visits steps and walkers alike, where a plain one would pick the same walkers.
+        index = np.floor(((np.arange(min(count, total)) * 0.6180339887498949) % 1.0) * total).astype(int)
+        return self.flat[np.unique(index)]
+
+    # --- best point ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def map_estimate(self) -> np.ndarray:
+        """Maximum of the posterior density, optimised from the best draw, in SI, shape (parameter,)."""
+        kept_density = self.log_density[self.discarded :].ravel()
+        best = self.flat[int(np.argmax(kept_density))]
+        spread = np.maximum(self.sd, 1e-12 * np.maximum(np.abs(self.mean), 1e-300))
+        bounds = self.target.bijection.bounds
+        low = np.maximum(best - 5.0 * spread, bounds[:, 0])
+        high = np.minimum(best + 5.0 * spread, bounds[:, 1])
+        objective = _NegativeLogDensity(self.target, low, high, self.covariance)
+        found = pattern_search(objective, starts=best[None, :], tolerance=1e-5, iterations=400).best
+        return found.theta if -found.value >= kept_density.max() else best
+
+    # --- tables and verdict -------------------------------------------------------------------------------------
+
+    @cached_property
+    def _diagnostics(self) -> dict[str, Any]:
+        return {name: parameter_diagnostics(self.kept[..., i]) for i, name in enumerate(self.names)}
+
+    def summary(self) -> Summary:
+        """Give moments, quantiles, best point and diagnostics as a table.
+
+        Returns
+        -------
+        Summary
+            In display units.
+        """
+        factors = self.target.factors
+        q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95]))
+        d = list(self._diagnostics.values())
+        columns = {
+            "mean": self.mean / factors,
+            "sd": self.sd / factors,
+            **({} if self.robust_sd is None else {"robust_sd": self.robust_sd / factors}),
+            "q05": q05 / factors,
+            "median": median / factors,
+            "q95": q95 / factors,
+            "map": self.map_estimate / factors,
+            "r_hat": np.array([x.r_hat for x in d]),
+            "ess_bulk": np.array([x.bulk_size for x in d]),
+            "ess_tail": np.array([x.tail_size for x in d]),
+            "tau": np.array([x.autocorrelation_time for x in d]),
+        }
+        return Summary(self.names, tuple(self.target.units.values()), columns)
+
+    @cached_property
+    def robust_sd(self) -> np.ndarray | None:
+        """Sandwich standard deviations of the means in SI, shape (parameter,): how they would scatter over measurements.
+
+        They hold where the model or the law of the discrepancy is wrong, too, but are themselves known to a fifth only. None for
+        an external solver, which would be run a thousand times for them (`robust_covariance` does that), and without measurement.
+        """
+        if not isinstance(self.target, Posterior) or not isinstance(self.target.model, JaxModel):
+            return None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            return np.sqrt(np.diag(robust_covariance(self.target, self.thinned())))
+
+    @cached_property
+    def residuals(self) -> tuple[WhitenedResidual, ...]:
+        """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
+        if not isinstance(self.target, Posterior):
+            return ()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)
+            return whitened_residuals(self.target, self.map_estimate)
+
+    @cached_property
+    def _verdict(self) -> Verdict:
+        kept = slice(self.discarded, None)
+        accepted = self.accepted[kept]
+        stuck = int(stuck_walkers(accepted, self.coordinate_log_density[kept]).sum())
+        failures = convergence_failures(
+            self._diagnostics, len(accepted), self.sampler.ensembles, stuck, self.sampler.needed_length
+        )
+        unexplained = self._unexplained()
+        return Verdict(
+            converged=not failures,
+            failures=tuple(failures),
+            warnings=tuple(self._warnings(unexplained)),
+            parameters=self._diagnostics,
+            acceptance=accepted.mean(axis=0),
+            stuck=stuck,
+            failed_simulations=self.failed_simulations,
+            unexplained=unexplained,
+            kept_steps=len(accepted),
+            needed_length=self.sampler.needed_length,
+        )
+
+    def verdict(self) -> Verdict:
+        """Say whether the run has converged, and what else the reader must know.
+
+        Returns
+        -------
+        Verdict
+            ``print`` it.
+        """
+        return self._verdict
+
+    def _unexplained(self) -> float:
+        if not isinstance(self.target, Posterior):
+            return float("nan")
+        return predictive.unexplained_fraction(self.target, self.map_estimate)
+
+    def _warnings(self, unexplained: float) -> list[str]:
+        found = self._prior_warnings()
+        if unexplained > UNEXPLAINED_LIMIT:
+            found.append(
+                f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
+                "for these data"
+            )
+        found += self._residual_warnings()
+        if self._surrogate_matters(unexplained):
+            error = self.target.model.relative_error  # type: ignore[attr-defined]
+            found.append(
+                f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
+                f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
+                "structid.calibrate certify it"
+            )
+        outside = self._outside()
+        if outside > 0:
+            found.append(
+                f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
+                + ("more true runs go there" if self._judged else "widen its design, or do more true runs there")
+            )
+        if self.divergent:
+            found.append(
+                f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
+                "follow, and draws may be missing there; raise target_acceptance, or compare with SMC"
+            )
+        if self.failed_simulations:
+            found.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
+        return found
+
+    def _residual_warnings(self) -> list[str]:
+        """Residuals that the law of the discrepancy does not describe."""
+        found = []
+        for residual in self.residuals:
+            if not residual.correlated:
+                continue
+            value, lag = residual.largest
+            law = self.target.discrepancy.describe()["kind"]  # type: ignore[attr-defined]
+            independent = law == "iid"
+            assumed = "independent errors" if independent else f"the discrepancy {law}"
+            told = (
+                f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
+                f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
+            )
+            if self.robust_sd is not None:
+                ratio = np.where(np.isin(self.names, self.target.model_space.names), self.robust_sd / self.sd, 0.0)  # type: ignore[attr-defined]
+                worst = int(np.argmax(ratio))
+                if ratio[worst] > MUCH_WIDER:
+                    told += f", and the sd of {self.names[worst]} is about {ratio[worst]:.1f} times too small (see the robust sd)"
+            found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
+        return found
+
+    def _surrogate_matters(self, unexplained: float) -> bool:
+        """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
+
+        A certificate says it better.
+        """
+        if not isinstance(self.target, Posterior) or self._judged:
+            return False
+        samples = sum(len(o.values) for o in self.target.observations)
+        return 0.5 * samples * self.target.model.relative_error > SURROGATE_NATS * unexplained
+
+    @property
+    def _judged(self) -> bool:
+        """Whether a certificate has judged the surrogate that was sampled."""
+        return isinstance(self.target, Posterior) and self.target.model.certified is not None
+
+    def _outside(self) -> float:
+        """Share of the draws that lie outside the range of the model, if it has one."""
+        if not isinstance(self.target, Posterior) or self.target.model.certified:
+            return 0.0
+        draws = self.thinned(10_000)
+        return float(self.target.model.outside(np.asarray(self.target.model_parameters(draws))).mean())
+
+    def _prior_warnings(self) -> list[str]:
+        """Marginals on a bound of their prior, or far out in its tail."""
+        space = getattr(self.target, "space", None)
+        if not isinstance(space, ParameterSpace):
+            return []
+        found = []
+        for i, (name, marginal) in enumerate(space.marginals.items()):
+            draws, on_bound = self.flat[:, i], False
+            strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
+            for side, bound in zip(("lower", "upper"), marginal.support, strict=True):
+                mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
+                # A small error variance is a good fit, not a bound that binds.
+                if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
+                    on_bound = True
+                    # Zero is mostly what physics allows, and a good answer.
+                    at_zero = side == "lower" and bound == 0.0
+                    further = (
+                        "the data show nothing of it, or would go below zero"
+                        if at_zero
+                        else "the data would go further"
+                    )
+                    found.append(f"the posterior of {name} sits on the {side} bound of its prior: {further}")
+            p = float(marginal.cdf(np.median(draws)))
+            if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
+                found.append(
+                    f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
+                )
+        return found
+
+    # --- prediction ---------------------------------------------------------------------------------------------
+
+    def predict(
+        self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
+    ) -> predictive.Prediction:
+        """Predict, on the measured record or another one; see `predictive.predict`.
+
+        Parameters
+        ----------
+        record : Excitation, optional
+            Another record; the first measured one when left out.
+        channels : tuple of str, optional
+            What to predict; what was measured when left out.
+        **settings
+            ``draws``, ``seed``, ``progress``.
+
+        Returns
+        -------
+        Prediction
+            Draws of the response with and without discrepancy, bands, peaks.
+        """
+        return predictive.predict(
+            self._posterior(),
+            self.thinned(settings.pop("draws", THINNED_DRAWS)),
+            record,
+            channels,
+            **settings,
+        )
+
+    def _posterior(self) -> Posterior:
+        if not isinstance(self.target, Posterior):
+            raise InputError(
+                "prediction", "a bare log density, which has no model", "the result of sampling a Posterior"
+            )
+        return self.target
+
+    # --- ArviZ schema -------------------------------------------------------------------------------------------
+
+    def to_datatree(self, predictions: bool = True) -> xarray.DataTree:
+        """Give everything in the ArviZ schema: posterior, prior, predictives, observed data, statistics, log-likelihood.
+
+        Parameters
+        ----------
+        predictions : bool
+            Include the groups that need simulations of thinned draws.
+
+        Returns
+        -------
+        xarray.DataTree
+            Groups ``posterior``, ``sample_stats`` and, for a `Posterior`, ``prior``, ``observed_data``, ``constant_data``,
+            ``posterior_predictive``, ``prior_predictive``, ``log_likelihood``.
+        """
+        import xarray
+
+        chains = self.draws
+        coordinates = {
+            "chain": np.arange(len(chains)),
+            "draw": np.arange(chains.shape[1]),
+            "ensemble": ("chain", np.repeat(np.arange(self.sampler.ensembles), self.sampler.walkers)),
+        }
+        dims = ("chain", "draw")
+
+        def by_chain(array: np.ndarray) -> np.ndarray:
+            return array[self.discarded :].transpose(1, 2, 0).reshape(len(chains), -1)
+
+        groups: dict[str, Any] = {
+            "posterior": xarray.Dataset(
+                {
+                    n: (dims, chains[:, :, i], {"unit": "SI", "display_unit": self.target.units[n]})
+                    for i, n in enumerate(self.names)
+                },
+                coords=coordinates,
+            ),
+            "sample_stats": xarray.Dataset(
+                {"lp": (dims, by_chain(self.log_density)), "accepted": (dims, by_chain(self.accepted))},
+                coords=coordinates,
+            ),
+        }
+        if isinstance(self.target, Posterior):
+            groups |= predictive.arviz_groups(self.target, self.thinned(STORED_DRAWS), self.seed, predictions)
+        tree = xarray.DataTree.from_dict(groups)
+        tree.attrs |= {
+            "inference_library": "structid",
+            "inference_library_version": importlib.metadata.version("structid"),
+            "sampler": repr(self.sampler),
+            "seed": self.seed,
+            "sampling_time": self.seconds,
+            "converged": int(self.verdict().converged),
+            "verdict": str(self.verdict()),
+        }
+        if self.log_evidence is not None:
+            tree.attrs |= {"log_evidence": self.log_evidence.value, "log_evidence_error": self.log_evidence.error}
+        return tree
+
+    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
+        """Write `to_datatree` to a netCDF file, whole or not at all.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        predictions : bool
+            Include the groups that need simulations.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        file = Path(path)
+        temporary = file.with_name(file.name + ".partial")
+        self.to_datatree(predictions).to_netcdf(temporary, engine="h5netcdf")
+        temporary.replace(file)
+        return file
+
+
+class _NegativeLogDensity:
+    """−log π as an objective; the curvature that whitens the polls is the inverse of the draws' covariance."""
+
+    scale = 1.0
+    differentiable = True
+
+    def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
+        self.names, self._target = target.names, target
+        box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
+        self.space = ParameterSpace(None, None, **box)
+        # Inverted as a correlation: in SI the variances of a stiffness and of an error variance lie thirty decades apart.
+        sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+        correlation = covariance / np.outer(sd, sd)
+        self._curvature = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) / np.outer(sd, sd)
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        return -self._target.log_density(theta)
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        count = len(theta)
+        return np.zeros(count), np.zeros_like(theta), np.tile(self._curvature, (count, 1, 1))

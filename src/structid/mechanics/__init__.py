@@ -1,0 +1,1 @@
+"""Mechanics: laws of springs, integrators over a record; nothing of models."""

@@ -1,0 +1,1 @@
+"""Solvers: other people's models, run one at a time in guarded child processes."""

@@ -1,0 +1,319 @@
+"""UM-Bridge: a model served over HTTP as one of ours, and any of ours served to whoever speaks the protocol.
+
+The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) knows models as maps from lists of vectors to lists of vectors.
+Here the first input vector holds the parameters in SI, and there is one output vector for each channel, the history in SI.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.journal import digest
+from structid.models.face import JaxModel, Model
+from structid.solvers.external import ExternalModel, SolverError, Task
+
+
+class UMBridgeModel(ExternalModel):
+    """A model that a UM-Bridge server offers.
+
+    Parameters
+    ----------
+    url : str
+        Of the server, ``"http://localhost:4242"``.
+    free : sequence of str
+        Names of the parameters, in the order of the server's inputs, one after another.
+    channels : sequence of str
+        Names of the server's output vectors.
+    name : str
+        Which of the server's models.
+    config : mapping, optional
+        Passed on with every run.
+    send_record : bool
+        Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that takes any.
+    time_limit : float, optional
+        Seconds a run may take.
+    version : str
+        See `ExternalModel`; of what the server does.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        free: Sequence[str],
+        channels: Sequence[str],
+        name: str = "forward",
+        config: Mapping[str, Any] | None = None,
+        send_record: bool = False,
+        time_limit: float | None = None,
+        version: str = "",
+    ) -> None:
+        super().__init__(free, channels, time_limit, version=version)
+        self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
+
+    def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
+        """Ask the server; see `ExternalModel.solve`.
+
+        Parameters
+        ----------
+        task : Task
+            What to run.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        mapping of str to list of float
+            A history for each channel.
+
+        Raises
+        ------
+        SolverError
+            If the server is not there, answers with an error, or with vectors of another number.
+        """
+        config = dict(self.config)
+        if self.send_record:
+            config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
+        try:
+            model = _connected(self.url, self.name)
+            sizes = model.get_input_sizes(config)
+            if sum(sizes) != len(self.free):
+                raise SolverError(
+                    f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters"
+                )
+            values = iter(task.parameters.values())
+            inputs = [[next(values) for _ in range(size)] for size in sizes]
+            outputs = model(inputs, config)
+        except SolverError:
+            raise
+        except Exception as problem:
+            raise SolverError(f"the server at {self.url} did not answer: {type(problem).__name__}: {problem}") from None
+        if len(outputs) != len(self.channels):
+            raise SolverError(f"the server returned {len(outputs)} vectors for the channels {', '.join(self.channels)}")
+        return dict(zip(self.channels, outputs, strict=True))
+
+    @functools.cached_property
+    def content_hash(self) -> str:
+        """Hash of address, name, configuration and names; what the server does with them is its own affair."""
+        return digest(
+            "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
+        )
+
+    def __repr__(self) -> str:
+        return f"UMBridgeModel({self.url}, {self.name}: {', '.join(self.free)} -> {', '.join(self.channels)})"
+
+
+@functools.cache
+def _connected(url: str, name: str) -> Any:
+    """Connect once in each process."""
+    import umbridge
+
+    return umbridge.HTTPModel(url, name)
+
+
+class Served:
+    """What ``umbridge.serve_models`` asks of every model beside its values.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    differentiable : bool
+        Whether there are first derivatives.
+    """
+
+    def __init__(self, name: str, differentiable: bool) -> None:
+        self.name, self._differentiable = name, differentiable
+
+    def supports_evaluate(self) -> bool:
+        """Whether it can be evaluated.
+
+        Returns
+        -------
+        bool
+            True.
+        """
+        return True
+
+    def supports_gradient(self) -> bool:
+        """Whether a linear function of its output has a gradient.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_jacobian(self) -> bool:
+        """Whether its output has directional derivatives.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_hessian(self) -> bool:
+        """Whether there are second derivatives.
+
+        Returns
+        -------
+        bool
+            False.
+        """
+        return False
+
+
+class ServedModel(Served):
+    """One of our models with the face that ``umbridge.serve_models`` asks for.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    excitation : Excitation
+        What drives it, unless a request brings its own ``config["record"]`` of the same kind (``dt`` and ``values`` in SI).
+    name : str
+        What it is called.
+    """
+
+    def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
+        super().__init__(name, isinstance(model, JaxModel))
+        self.model, self.excitation = model, excitation
+
+    def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the input vectors: one, the free parameters in SI.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            The lengths.
+        """
+        return [len(self.model.free)]
+
+    def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the output vectors: one for each channel.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            The lengths.
+        """
+        return [len(self._driven_by(config))] * len(self.model.channels)
+
+    def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
+        """Run the model once.
+
+        A run that fails returns what it has up to its failure: the vectors are then too short, which the protocol reports as an
+        error with both lengths. It has no way to say "not a number".
+        """
+        excitation = self._driven_by(config)
+        values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
+        finite = np.isfinite(values).all(axis=1)
+        return values[: len(values) if finite.all() else int(np.argmin(finite))].T.tolist()
+
+    def apply_jacobian(
+        self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
+    ) -> list[float]:
+        """Derivative of one channel in a direction of parameter space.
+
+        Parameters
+        ----------
+        out_wrt, in_wrt : int
+            Which output and input vector.
+        parameters : list of list of float
+            The input vectors.
+        vec : list of float
+            The direction.
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of float
+            J v, as long as the output vector.
+        """
+        import jax
+
+        channel = self._channel(out_wrt, config)
+        return np.asarray(
+            jax.jvp(channel, (np.array(parameters[0], dtype=float),), (np.array(vec, dtype=float),))[1]
+        ).tolist()
+
+    def gradient(
+        self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
+    ) -> list[float]:
+        """Gradient of a linear function of one channel.
+
+        Parameters
+        ----------
+        out_wrt, in_wrt : int
+            Which output and input vector.
+        parameters : list of list of float
+            The input vectors.
+        sens : list of float
+            The function's coefficients, as long as the output vector.
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of float
+            sᵀ J, as long as the input vector.
+        """
+        import jax
+
+        _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
+        return np.asarray(pull_back(np.array(sens, dtype=float))[0]).tolist()
+
+    def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
+        """One channel's history as a function of the parameters, inside JAX."""
+        model, excitation = self.model, self._driven_by(config)
+        assert isinstance(model, JaxModel)
+        stages = excitation.stage_values(model.substeps)
+        return lambda theta: model.response(theta[None], excitation, stages)[0][:, number, 0]
+
+    def _driven_by(self, config: Mapping[str, Any]) -> Excitation:
+        record = config.get("record")
+        if record is None:
+            return self.excitation
+        return type(self.excitation)(record["values"], record["dt"], record.get("name", "request"))
+
+
+def serve(models: Sequence[ServedModel], port: int = 4242) -> None:
+    """Serve models over HTTP until the process is stopped.
+
+    Parameters
+    ----------
+    models : sequence of ServedModel
+        What to offer.
+    port : int
+        Where.
+    """
+    try:
+        import umbridge
+    except ImportError:
+        raise InputError(
+            "structid serve",
+            "UM-Bridge is not installed here",
+            "the extra 'umbridge'",
+            "pip install 'structid[umbridge]'.",
+        ) from None
+    umbridge.serve_models(list(models), port)

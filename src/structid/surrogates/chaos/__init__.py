@@ -1,0 +1,1 @@
+"""Chaos: polynomial families and sparse or shrunken expansions in them."""

@@ -1,0 +1,190 @@
+"""Polynomial chaos with more terms than runs: coefficients that shrink with the degree, at rates learnt from the runs.
+
+A priori c_α ~ N(0, σ² λ_α) with λ_α = Π_j exp(−2 wⱼ αⱼ): the coefficients of an analytic function fall geometrically. The decay
+rates w and the noise g maximise the evidence of the outputs together, of which Ψ Λ Ψᵀ + g I is the covariance, and the
+posterior mean c = Λ Ψᵀ (Ψ Λ Ψᵀ + g I)⁻¹ y interpolates or smooths. Terms are those with the largest λ_α, so each parameter gets the
+degree it deserves. (Minimum-norm polynomial approximation: Rauhut & Ward 2016, doi 10.1016/j.acha.2015.02.003; evidence:
+Rasmussen & Williams 2006, section 5.4.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from structid.probability.space import ParameterSpace
+from structid.surrogates.chaos.polynomials import PolynomialBasis, box_variables
+from structid.surrogates.search import quasi_newton
+from structid.surrogates.symmetric import inverse_of, raised_cholesky
+
+LOG_RATES = (-4.0, 2.5)
+"""Range of the logarithm of a decay rate."""
+
+LOG_NOISES = (-32.0, 3.0)
+"""Range of the logarithm of the noise."""
+
+SMALLEST_NOISE = 1e-12
+"""Of the mean prior variance of the outputs."""
+
+MOST_TERMS = 2500
+"""Largest basis."""
+
+LARGEST_DEGREE = 60
+"""Of one parameter."""
+
+NEGLIGIBLE = 1e-11
+"""Share of the coefficients' energy that may be left out."""
+
+ROUNDS = 3
+"""The basis is chosen anew with the decay rates found, so often."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShrunkFit:
+    """A fitted expansion.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis
+        Legendre polynomials on the range of the design.
+    coefficients : ndarray, shape (term, output)
+        Posterior means.
+    leave_one_out_error : ndarray, shape (output,)
+        Relative to the variance of each output.
+    rates : ndarray, shape (parameter,)
+        Decay rates w.
+    """
+
+    basis: PolynomialBasis
+    coefficients: np.ndarray
+    leave_one_out_error: np.ndarray
+    rates: np.ndarray
+
+
+def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ShrunkFit:
+    """Fit all outputs with the same decay rates; each counts as much as it varies.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The parameters.
+    theta : ndarray, shape (run, parameter)
+        Points in SI.
+    outputs : ndarray, shape (run, output)
+        Values there.
+
+    Returns
+    -------
+    ShrunkFit
+        The expansion.
+    """
+    dimension = theta.shape[1]
+    variables = box_variables(space, theta)
+    low, high = variables.min(axis=0), variables.max(axis=0)
+    box = np.stack([low, np.where(high > low, high, low + 1.0)], axis=1)
+    most = min(MOST_TERMS, 5 * len(theta) + 100)
+    place = np.append(np.full(dimension, -0.7), -12.0)
+    for number in range(ROUNDS):
+        indices = weighted_indices(np.exp(place[:dimension]), most if number == ROUNDS - 1 else most // 2)
+        basis = PolynomialBasis(space, indices, box)
+        evidence = _Evidence(basis.evaluate(theta), indices, outputs - outputs.mean(axis=0))
+        place, _, _ = quasi_newton(evidence, evidence.bounds, place, np.eye(dimension + 1) / len(theta))
+    coefficients, residuals = evidence.solution(place)
+    coefficients[0] += outputs.mean(axis=0)
+    error = np.mean(residuals**2, axis=0) / outputs.var(axis=0)
+    kept = _worth_keeping(indices, coefficients)
+    return ShrunkFit(basis[kept], coefficients[kept], error, np.exp(place[:dimension]))
+
+
+def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Terms whose absence would show, and with each all that are lower in some parameter; places in order."""
+    energy = np.sum(coefficients**2, axis=1)
+    rising = np.argsort(energy)
+    needed = np.ones(len(energy), dtype=bool)
+    needed[rising[np.cumsum(energy[rising]) < NEGLIGIBLE * energy[1:].sum()]] = False
+    # Lower neighbours of what is needed, from the highest degree down.
+    place = {tuple(index): row for row, index in enumerate(indices)}
+    for row in np.argsort(-indices.sum(axis=1), kind="stable"):
+        if needed[row]:
+            for j in np.flatnonzero(indices[row]):
+                lower = indices[row].copy()
+                lower[j] -= 1
+                needed[place[tuple(lower)]] = True
+    return np.flatnonzero(needed)
+
+
+def weighted_indices(rates: np.ndarray, most: int) -> np.ndarray:
+    """Indices with the smallest Σ wⱼ αⱼ; with an index come all that are lower in some parameter.
+
+    Parameters
+    ----------
+    rates : ndarray, shape (parameter,)
+        w.
+    most : int
+        How many.
+
+    Returns
+    -------
+    ndarray of int, shape (term, parameter)
+        The constant first.
+    """
+    budget = rates.min()
+    while True:
+        indices = _within(rates, budget)
+        if len(indices) >= most or budget > LARGEST_DEGREE * rates.max():
+            break
+        budget *= 1.3
+    # What has the same weight is taken whole in the order of the degree, so that the set stays closed downwards.
+    order = np.lexsort((indices.sum(axis=1), np.round(indices @ rates, 12)))
+    return indices[order[:most]]
+
+
+def _within(rates: np.ndarray, budget: float) -> np.ndarray:
+    rows, spent = np.zeros((1, 0), dtype=int), np.zeros(1)
+    for rate in rates:
+        reach = np.minimum((budget - spent) / rate + 1e-9, LARGEST_DEGREE).astype(int)
+        degrees = np.concatenate([np.arange(r + 1) for r in reach])
+        parents = np.repeat(np.arange(len(rows)), reach + 1)
+        rows = np.column_stack([rows[parents], degrees])
+        spent = spent[parents] + rate * degrees
+    return rows
+
+
+class _Evidence:
+    """Negative log evidence N/2 log σ̂² + ½ log|C|, C = Ψ Λ Ψᵀ + g I, and its gradient by log w and log g."""
+
+    def __init__(self, columns: np.ndarray, indices: np.ndarray, outputs: np.ndarray) -> None:
+        self.columns, self.indices, self.outputs = columns, indices.astype(np.float64), outputs
+        self.bounds = [LOG_RATES] * indices.shape[1] + [LOG_NOISES]
+
+    def _prior(self, place: np.ndarray) -> np.ndarray:
+        return np.exp(-2.0 * self.indices @ np.exp(place[:-1]))
+
+    def _factor(self, place: np.ndarray) -> np.ndarray:
+        """Lower Cholesky factor of C; the noise is kept above what rounding leaves of the sum."""
+        scaled = self.columns * np.sqrt(self._prior(place))
+        matrix = scaled @ scaled.T
+        noise = max(float(np.exp(place[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
+        return raised_cholesky(matrix, noise)[0]
+
+    def __call__(self, place: np.ndarray) -> tuple[float, np.ndarray]:
+        factor = self._factor(place)
+        inverse = inverse_of(factor)
+        runs, outputs = self.outputs.shape
+        weights = scipy.linalg.cho_solve((factor, True), self.outputs)
+        variance = float(np.sum(weights * self.outputs)) / (runs * outputs)
+        value = 0.5 * runs * np.log(variance) + float(np.sum(np.log(np.diag(factor))))
+        by_matrix = 0.5 * (inverse - weights @ weights.T / (variance * outputs))
+        # d C / d log wⱼ = −2 wⱼ Σ_α αⱼ λ_α ψ_αψ_αᵀ
+        share = self._prior(place) * np.einsum("ia,ia->a", self.columns, by_matrix @ self.columns)
+        slope = -2.0 * np.exp(place[:-1]) * (self.indices.T @ share)
+        return value, np.append(slope, np.exp(place[-1]) * np.trace(by_matrix))
+
+    def solution(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coefficients (term, output), and leave-one-out residuals (run, output)."""
+        factor = self._factor(place)
+        weights = scipy.linalg.cho_solve((factor, True), self.outputs)
+        coefficients = self._prior(place)[:, None] * (self.columns.T @ weights)
+        return coefficients, weights / np.diag(inverse_of(factor))[:, None]

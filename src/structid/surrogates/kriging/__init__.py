@@ -1,0 +1,1 @@
+"""Kriging: correlations and the predictor they give."""

@@ -1,0 +1,1 @@
+"""NARX: recursions in time whose coefficients are functions of the parameters."""

@@ -1,0 +1,307 @@
+"""Fitting a NARX to runs: signals and structure, coefficients as functions of the parameters, and what the fit is worth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.models.face import Progress
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import Runs
+from structid.surrogates.chaos.pce import PCE, ChaosExpansion
+from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices
+from structid.surrogates.face import (
+    FEWEST_RUNS,
+    Fit,
+    Stopwatch,
+    checked_weights,
+    common_step,
+    fitted_range,
+    fitting_runs,
+    run_digests,
+)
+from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
+from structid.surrogates.narx.structure import (
+    FIRST_SHAPES,
+    Experiments,
+    build_recursion,
+    constant_shapes,
+    first_coefficients,
+    per_experiment_solution,
+    select_terms,
+    spread_rows,
+    training_set,
+)
+from structid.surrogates.narx.training import FreeRun, TrainingSet, refined_coefficients, robust_loss, train_free_run
+from structid.surrogates.progress import Stages
+
+if TYPE_CHECKING:
+    from structid.surrogates.narx.settings import NARXSettings
+
+TRAINING_BOUND = 2.0
+"""While training, outputs are kept within so many times the largest one seen."""
+
+LOSS_SCALE = 1e-3
+"""Errors beyond it count by their logarithm only."""
+
+LAST_STEPS = 4
+"""Training steps that see all runs."""
+
+RESCUE_HORIZONS = (16, 128)
+"""Samples between restarts in the training that goes before, where free runs of the regression diverge."""
+
+LOST = 0.1
+"""Free runs of the regression that err by more, in the robust mean, are lost."""
+
+HORIZON_STEPS = 4
+"""Most training steps with each horizon."""
+
+STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
+"""Stages of a fit, and their share of its time."""
+
+
+def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Choose the runs that are held out.
+
+    Parameters
+    ----------
+    runs : int
+        How many there are.
+    share : float
+        Share of them that is held out.
+    seed : int
+        Of the choice.
+
+    Returns
+    -------
+    tuple of ndarray of int
+        Rows to fit to, and rows held out.
+    """
+    count = round(share * runs)
+    order = np.random.default_rng(seed).permutation(runs)
+    return np.sort(order[count:]), np.sort(order[:count])
+
+
+def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
+    """Check that runs determine coefficients that are chaos expansions of a degree.
+
+    Parameters
+    ----------
+    kind : str
+        The surrogate, for the message.
+    space : ParameterSpace
+        The parameters.
+    degree : int
+        Of the expansions.
+    runs : int
+        Runs they are fitted to.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two for each chaos term.
+    """
+    terms = math.comb(space.dimension + degree, degree)
+    if terms > max(runs // 2, 1):
+        raise InputError(
+            f"{kind}.fit",
+            f"{runs} runs (those held out apart) for coefficients of {terms} chaos terms (degree {degree})",
+            f"{2 * terms} runs or more",
+            "Lower the degree.",
+        )
+
+
+class NARXFit:
+    """One fit, step by step: data, structure, coefficients, uncertainty.
+
+    Parameters
+    ----------
+    settings : NARXSettings
+        How to fit.
+    runs : Runs
+        To what.
+    progress : callable, optional
+        Told how far it is, in hundredths.
+    fewest : int
+        Fewer finished runs are refused.
+    weights : ndarray, shape (run,), optional
+        How much the error of each run counts; the same for all when left out.
+    """
+
+    def __init__(
+        self,
+        settings: NARXSettings,
+        runs: Runs,
+        progress: Progress | None,
+        fewest: int = FEWEST_RUNS,
+        weights: np.ndarray | None = None,
+    ) -> None:
+        self.settings, self.stages, self.watch = settings, Stages(progress, STAGES), Stopwatch()
+        self.kind = type(settings).__name__
+        self.runs, self.left_out = fitting_runs(f"{self.kind}.fit", runs, fewest)
+        records = [self.runs.records[i] for i in np.unique(self.runs.record_of_run)]
+        self.excitation, self.dt = common_step(f"{self.kind}.fit", records)
+        self.experiments = Experiments.of(self.runs, self.dt, settings.washout)
+        self.recursion = build_recursion(self.experiments, settings.terms, settings.memories)
+        self.data = training_set(self.experiments, self.recursion)
+        if weights is not None:
+            self.data = replace(self.data, weights=checked_weights(f"{self.kind}.fit", weights, runs))
+        self.largest = float(np.abs(self.data.y).max())
+        self.fitted, self.unseen = held_out_rows(len(self.runs), settings.held_out, settings.seed)
+        if settings.selection is not None:
+            full = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
+            tell = self.stages.of("selection")
+            self.recursion = select_terms(full, self.data[self.fitted], settings.selection, settings.most_terms, tell)
+        self.free_run = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
+
+    @property
+    def design(self) -> Design:
+        """Points of the finished runs."""
+        return self.runs.design
+
+    def pc_narx(self, pce: PCE) -> ParametricNARX:
+        """Fit coefficients that are chaos expansions.
+
+        Parameters
+        ----------
+        pce : PCE
+            How those of single experiments are interpolated; the joint training has its own.
+
+        Returns
+        -------
+        ParametricNARX
+            The surrogate.
+        """
+        if self.settings.training == "per-experiment":
+            return self._surrogate(self._interpolated(pce))
+        return self._surrogate(Coefficients(self._joint()))
+
+    def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
+        """Fit coefficients that are interpolated by Kriging.
+
+        Parameters
+        ----------
+        kriging : Kriging
+            How.
+        refinements : int
+            Steps by which the coefficients of the joint training are refined on each run.
+
+        Returns
+        -------
+        ParametricNARX
+            The surrogate.
+        """
+        if self.settings.training == "per-experiment":
+            return self._surrogate(self._interpolated(kriging))
+        trend = self._joint()
+        start = np.asarray(trend.predict(self.design.values[self.fitted]))
+        tell = self.stages.of("refinement")
+        refined = refined_coefficients(self.free_run, start, self.data[self.fitted], refinements, tell)
+        return self._surrogate(self._with_deviation(trend, refined - start, kriging))
+
+    def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
+        """Coefficients of each experiment by ordinary least squares, interpolated: the published way."""
+        data = self.data[self.fitted]
+        vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
+        equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
+        found = per_experiment_solution(self.recursion, *equations, vector)
+        space = self.design.space
+        mean = PolynomialBasis(space, multi_indices(space.dimension, 0))
+        trend = self._expansion(mean, found.mean(axis=0)[:, None], np.ones((len(found), 1)))
+        return self._with_deviation(trend, found - found.mean(axis=0), regression)
+
+    def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
+        """Add an interpolation of what coefficients differ by from a trend, of those that differ at all."""
+        varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
+        if len(varying) == 0:
+            return Coefficients(trend)
+        scale = deviation[:, varying].std(axis=0)
+        return Coefficients(
+            trend, regression.fit(self.design[self.fitted], deviation[:, varying] / scale), varying, scale
+        )
+
+    def _joint(self) -> ChaosExpansion:
+        """Coefficients as chaos expansions trained together."""
+        basis = self._basis()
+        features = basis.evaluate(self.design.values)
+        data, rows = self.data[self.fitted], features[self.fitted]
+        held_out = (features[self.unseen], self.data[self.unseen]) if len(self.unseen) else None
+        start = first_coefficients(self.free_run, rows, data, progress=self.stages.of("regression"))
+        if self.settings.steps == 0:
+            return self._expansion(basis, start, rows)
+        start = self._over_short_horizons(start, rows, data)
+        # Most steps see part of the runs only: enough to determine every coefficient.
+        steps, tell = self.settings.steps, self.stages.of("training")
+        some = spread_rows(data.weights, max(len(data) // 4, 3 * len(basis)))
+        early = max(steps - LAST_STEPS, 0) if len(some) < len(data) // 2 else 0
+        if early:
+            start = train_free_run(
+                self.free_run,
+                start,
+                rows[some],
+                data[some].alike(),
+                held_out,
+                early,
+                LOSS_SCALE,
+                lambda done, _: tell(done, steps),
+            ).coefficients
+        trained = train_free_run(
+            self.free_run,
+            start,
+            rows,
+            data,
+            held_out,
+            steps - early,
+            LOSS_SCALE,
+            lambda done, _: tell(early + done, steps),
+        )
+        self.stages.done("training")
+        return self._expansion(basis, trained.coefficients, rows)
+
+    def _over_short_horizons(self, start: np.ndarray, features: np.ndarray, data: TrainingSet) -> np.ndarray:
+        """Train on runs that start again from the measured past: as asked for, or where free runs are lost."""
+        horizons = self.settings.horizons
+        if horizons is None:
+            loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE, data.weights)
+            horizons = RESCUE_HORIZONS if loss > np.log1p(LOST / LOSS_SCALE) else ()
+        for done, horizon in enumerate(horizons):
+            short = FreeRun(self.recursion, self.free_run.bound, horizon)
+            start = train_free_run(short, start, features, data, None, HORIZON_STEPS, LOSS_SCALE).coefficients
+            self.stages.of("horizons")(done + 1, len(horizons))
+        return start
+
+    def _basis(self) -> PolynomialBasis:
+        space = self.design.space
+        degree = self.settings.degree if space.dimension else 0
+        check_terms_of_chaos(self.kind, space, degree, len(self.fitted))
+        return PolynomialBasis(space, multi_indices(space.dimension, degree))
+
+    def _expansion(self, basis: PolynomialBasis, coefficients: np.ndarray, features: np.ndarray) -> ChaosExpansion:
+        values = features @ coefficients.T
+        unknown = np.full(len(coefficients), np.nan)
+        degree = int(basis.indices.sum(axis=1).max())
+        truncation = ((degree, 1.0),) * len(coefficients)
+        return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.design.values[self.fitted], values)
+
+    def _surrogate(self, coefficients: Coefficients) -> ParametricNARX:
+        # Runs held out, or all of them where none are.
+        rows = self.unseen if len(self.unseen) else self.fitted
+        predicted = np.asarray(coefficients.predict(self.design.values[rows]))
+        errors = self.free_run.errors(predicted, self.data[rows]).mean(axis=1)
+        error = float(np.average(errors, weights=self.data.weights[rows]))
+        fit = Fit(
+            self.kind, self.settings.in_words, self.design.space, self.runs.channels, self.excitation, self.dt,
+            *fitted_range(self.runs.design), len(self.runs), self.left_out, error,
+            self.settings.limit, self.settings.outside, self.watch.seconds, run_digests(self.runs),
+        )  # fmt: skip
+        largest_input = np.abs(self.experiments.x).max(axis=(0, 1))
+        spread = np.ones(len(self.runs.channels))
+        surrogate = ParametricNARX(fit, self.recursion, coefficients, self.largest, spread, largest_input)
+        with_spread = with_held_out_spread(surrogate, self.runs[rows])
+        self.stages.done("uncertainty")
+        return with_spread

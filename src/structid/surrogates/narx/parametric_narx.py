@@ -1,0 +1,469 @@
+"""A fitted NARX whose coefficients are functions of the parameters: PC-NARX and Kriging-NARX; it takes any record."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.ndimage
+
+from structid.errors import InputError, Status, StructidWarning
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import InMemory, Runs
+from structid.surrogates.chaos.pce import ChaosExpansion
+from structid.surrogates.face import Fit, Surrogate
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.named_arrays import found_under, put_under
+from structid.surrogates.narx.recursion import Recursion
+from structid.surrogates.narx.structure import Experiments, input_signals, training_set
+from structid.surrogates.narx.terms import Memory, Term
+from structid.surrogates.narx.training import FreeRun, refined_coefficients
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PREDICTION_BOUND = 10.0
+"""A prediction beyond so many times the largest output seen has diverged."""
+
+STRONGER = 1.1
+"""A record whose peak is more than so many times the largest one seen is warned of."""
+
+WINDOW = 101
+"""Samples of the moving root mean square that the predicted standard deviation is proportional to."""
+
+
+def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
+    """Set the predicted standard deviation so that 95 % of the samples of some runs lie within 1.96 of it.
+
+    Parameters
+    ----------
+    surrogate : ParametricNARX
+        With any spread.
+    runs : Runs
+        Runs it was not fitted to.
+
+    Returns
+    -------
+    ParametricNARX
+        The same, with that spread.
+    """
+    ratios: list[np.ndarray] = []
+    for number in np.unique(runs.record_of_run):
+        some = runs.on(int(number))
+        record = some.records[0]
+        true = some.values[:, : len(record)]
+        predicted = surrogate.run(surrogate.parameters(some.design), record).values
+        local = local_size(predicted)
+        good = np.isfinite(predicted).all(axis=(1, 2))
+        ratios.append((np.abs(true - predicted) / local)[good].reshape(-1, true.shape[2]))
+    every = np.concatenate(ratios)
+    spread = np.quantile(every, 0.95, axis=0) / 1.96 if len(every) else np.full(len(surrogate.channels), np.inf)
+    return ParametricNARX(
+        surrogate.fitted,
+        surrogate.recursion,
+        surrogate.coefficients,
+        surrogate.largest,
+        spread,
+        surrogate.largest_input,
+    )
+
+
+def local_size(values: np.ndarray) -> np.ndarray:
+    """Moving root mean square of histories, never below a thousandth of the whole one.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, time, channel)
+        Histories.
+
+    Returns
+    -------
+    ndarray, shape (run, time, channel)
+        The size.
+    """
+    window = min(WINDOW, values.shape[1])
+    square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
+    whole = np.mean(values**2, axis=1, keepdims=True)
+    return np.sqrt(np.maximum(square, 1e-6 * whole) + 1e-300)
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them.
+
+    Parameters
+    ----------
+    trend : ChaosExpansion
+        All coefficients.
+    deviation : ChaosExpansion or KrigingPredictor, optional
+        Scaled deviations from the trend.
+    varying : ndarray of int, optional
+        Which coefficients deviate.
+    scale : ndarray, optional
+        Scale of their deviations.
+    """
+
+    trend: ChaosExpansion
+    deviation: ChaosExpansion | KrigingPredictor | None = None
+    varying: np.ndarray | None = None
+    scale: np.ndarray | None = None
+
+    def predict(self, theta: Any) -> Any:
+        """Coefficients at points.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, coefficient)
+            Of the kind `theta` is.
+        """
+        from structid.device import jnp
+
+        found = self.trend.predict(theta)
+        if self.deviation is None or self.varying is None:
+            return found
+        added = self.deviation.predict(theta) * self.scale
+        if isinstance(found, np.ndarray):
+            found = found.copy()
+            found[:, self.varying] += added
+            return found
+        return jnp.asarray(found).at[:, self.varying].add(added)
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what they consist of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        plain, arrays = self.trend.to_plain()
+        said: dict[str, Any] = {"trend": plain}
+        found = put_under("trend", arrays)
+        if self.deviation is not None and self.varying is not None and self.scale is not None:
+            plain, arrays = self.deviation.to_plain()
+            said["deviation"] = [type(self.deviation).__name__, plain]
+            found |= put_under("deviation", arrays)
+            found |= {"varying": self.varying, "scale": self.scale}
+        return said, found
+
+    @classmethod
+    def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
+        """Make them again from what `to_plain` said.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        Coefficients
+            The same.
+        """
+        trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
+        if "deviation" not in plain:
+            return cls(trend)
+        kind, said = plain["deviation"]
+        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
+        deviation = maker.from_plain(space, said, found_under("deviation", arrays))
+        return cls(trend, deviation, arrays["varying"], arrays["scale"])
+
+
+class ParametricNARX(Surrogate):
+    """A fitted `PCNARX` or `KrigingNARX`: simulates by recursion, for any record of the step it was trained with.
+
+    Parameters
+    ----------
+    fit : Fit
+        How it came about.
+    recursion : Recursion
+        The structure.
+    coefficients : Coefficients
+        As functions of the parameters.
+    largest : float
+        Largest scaled output seen.
+    spread : ndarray, shape (channel,)
+        Standard deviation of the error relative to the moving root mean square of the prediction.
+    largest_input : ndarray, shape (input,)
+        Largest inputs it was fitted to, in SI.
+    """
+
+    def __init__(
+        self,
+        fit: Fit,
+        recursion: Recursion,
+        coefficients: Coefficients,
+        largest: float,
+        spread: np.ndarray,
+        largest_input: np.ndarray,
+    ) -> None:
+        super().__init__(fit)
+        self.recursion, self.coefficients, self.largest = recursion, coefficients, largest
+        self.spread, self.largest_input = spread, largest_input
+
+    @property
+    def terms(self) -> tuple[str, ...]:
+        """What each coefficient belongs to."""
+        return self.recursion.names
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse an excitation of another kind or step.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If a recursion in steps of the training's means nothing for it.
+        """
+        if excitation.kind != self.fitted.excitation or abs(excitation.dt / self.fitted.dt - 1.0) > 1e-9:
+            raise InputError(
+                f"{self.fitted.kind}: record",
+                f"'{excitation.name}', a {excitation.kind} in steps of {excitation.dt:g} s",
+                f"a {self.fitted.excitation} in steps of {self.fitted.dt:g} s, as it was trained with",
+                "Resample it.",
+            )
+
+    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+        """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives them.
+        """
+        super().before_run(theta, excitation)
+        peaks = np.abs(excitation.values.reshape(len(excitation), -1)).max(axis=0)
+        if self.fitted.outside != "allow" and (peaks > STRONGER * self.largest_input).any():
+            ratio = float(np.max(peaks / self.largest_input))
+            warnings.warn(
+                f"{self.fitted.kind}: '{excitation.name}' is {ratio:.2g} times as strong as anything it was fitted to; a recursion "
+                "knows little of responses beyond those. Fit it to runs on stronger records.",
+                StructidWarning,
+                stacklevel=3,
+            )
+
+    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+        """Respond inside JAX by the free run of the recursion.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            Its kind, step and lead-in.
+        stages : jax.Array, shape (time − 1, 1, 3)
+            Its values.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), NaN from where a run has diverged, and whether none has (run,).
+        """
+        from structid.device import jnp
+
+        self.check_excitation(excitation)
+        scales = self.recursion.scales
+        x = input_signals(stages) / np.array([scales[x] for x in self.recursion.inputs])
+        bound = PREDICTION_BOUND * self.largest
+        coefficients = self.coefficients.predict(self.held_inside(theta)).T
+        scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
+        inside = (jnp.abs(scaled) < bound).all(axis=1)  # [time, run]; NaN is not
+        finite = inside.all(axis=0)
+        usable = finite & self.admitted(theta)
+        alive = jnp.where(finite, True, jnp.cumsum(~inside, axis=0) == 0)
+        return jnp.where(alive[:, None], scaled, jnp.nan) * self._factors[:, None], usable
+
+    def _coefficients_at(self, theta: np.ndarray) -> np.ndarray:
+        return np.asarray(self.coefficients.predict(self.held_inside(theta)))
+
+    def predict_ahead(
+        self, design: Design | np.ndarray, excitation: Excitation, measured: np.ndarray, horizon: int = 1
+    ) -> Histories:
+        """Predict from the measured past, as far ahead as a horizon, rather than from the model's own past as `simulate` does.
+
+        Every `horizon` samples the recursion starts again from what was measured: the first sample after that is predicted one
+        step ahead, the last one `horizon` steps. An error one step ahead says little about the free run: it is there to tell
+        which of the two fails.
+
+        Parameters
+        ----------
+        design : Design or array-like, shape (run, parameter)
+            Parameters in SI.
+        excitation : Excitation
+            What drove it.
+        measured : array-like, shape (time,), (time, channel) or (run, time, channel)
+            What was measured, in SI.
+        horizon : int
+            Samples between two starts; 1 is one step ahead.
+
+        Returns
+        -------
+        Histories
+            Predictions in SI.
+        """
+        theta = self.parameters(design)
+        self.check_excitation(excitation)
+        if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
+            raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples, 1 or more")
+        values = np.asarray(measured, dtype=np.float64)
+        values = values[:, None] if values.ndim == 1 else values
+        shape = (len(theta), len(excitation), len(self.channels))
+        if values.shape not in (shape, shape[1:]) or not np.isfinite(values).all():
+            came = f"an array of shape {np.shape(measured)}"
+            came += "" if np.isfinite(values).all() else " with values that are not finite"
+            raise InputError(
+                "predict_ahead: measured", came, f"finite values of shape {shape}, or without the first axis"
+            )
+        # The parameters are not looked at here, and may be none.
+        runs = Runs(
+            Design(np.zeros((len(theta), 0)), ParameterSpace()), (excitation,), self.channels,
+            InMemory(np.broadcast_to(values, shape)), np.full(len(theta), Status.DONE), np.zeros(len(theta), dtype=int),
+        )  # fmt: skip
+        data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
+        run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, int(horizon))
+        found = run.outputs(self._coefficients_at(theta), data)[:, excitation.dropped_samples :] * self._factors
+        status = np.full(len(theta), Status.DONE)
+        return Histories(found, excitation.dt, self.channels, status, np.full(len(theta), np.nan), excitation.name)
+
+    @property
+    def _factors(self) -> np.ndarray:
+        """SI value of one scaled unit of each output."""
+        return np.array([self.recursion.scales[y] for y in self.recursion.outputs])
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+        return local_size(values) * self.spread
+
+    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
+        """Variance of the surrogate's error, averaged over time; see `JaxModel.error_variance`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        values : jax.Array, shape (time, channel, run)
+            The response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            A share of the mean square of the response.
+        """
+        return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
+
+    def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the coefficients against those that runs would have by themselves, as far as they determine them.
+
+        Parameters
+        ----------
+        runs : Runs
+            Runs of the model, best ones the surrogate has not seen.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            A panel a coefficient.
+        """
+        from structid.figures import surrogate as figures
+
+        done = runs[runs.done]
+        for number in np.unique(done.record_of_run):
+            self.check_excitation(done.records[number])
+        if done.channels != self.channels:
+            raise InputError("plot_coefficients", f"runs of {', '.join(done.channels)}", ", ".join(self.channels))
+        data = training_set(Experiments.of(done, self.fitted.dt), self.recursion)
+        predicted = self._coefficients_at(self.parameters(done.design))
+        own = refined_coefficients(FreeRun(self.recursion, PREDICTION_BOUND * self.largest), predicted, data, 2)
+        return figures.coefficients(own, predicted, self.terms, save=save)
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the surrogate consists of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        said, arrays = self.coefficients.to_plain()
+        recursion = self.recursion
+        plain = {
+            "terms": [[t.text for t in of] for of in recursion.terms],
+            "memories": [str(m) for m in recursion.memories],
+            "inputs": list(recursion.inputs),
+            "outputs": list(recursion.outputs),
+            "scales": dict(recursion.scales),
+            "largest": self.largest,
+            "largest_input": self.largest_input.tolist(),
+            "coefficients": said,
+        }
+        return plain, {**arrays, "initial": recursion.initial, "spread": self.spread}
+
+    @classmethod
+    def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> ParametricNARX:
+        """Make a surrogate again from what `to_plain` said.
+
+        Parameters
+        ----------
+        fit : Fit
+            How it came about.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        ParametricNARX
+            The same surrogate.
+        """
+        recursion = Recursion(
+            tuple(tuple(Term(t) for t in of) for of in plain["terms"]),
+            tuple(Memory.parse(m) for m in plain["memories"]),
+            tuple(plain["inputs"]),
+            tuple(plain["outputs"]),
+            fit.dt,
+            plain["scales"],
+            arrays["initial"],
+        )
+        coefficients = Coefficients.from_plain(fit.space, plain["coefficients"], arrays)
+        return cls(fit, recursion, coefficients, plain["largest"], arrays["spread"], np.array(plain["largest_input"]))

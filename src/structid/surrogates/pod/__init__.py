@@ -1,0 +1,1 @@
+"""Response space: principal components of histories, and a regression of each score."""
