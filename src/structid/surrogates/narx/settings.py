@@ -1,4 +1,7 @@
-"""Settings of NARX surrogates: of one measured system, and with coefficients that are functions of parameters."""
+"""Settings of NARX surrogates: of one measured system, and with coefficients that are functions of parameters.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
