@@ -3,6 +3,7 @@
 import io
 import re
 import tokenize
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,9 @@ def test_the_bibliography_says_how_the_numbers_are_read():
     assert "equation 3.12 of the thesis" in LISTED and "### Corrections" in LISTED
     used = {n for path in MODULES for group in EQUATION.findall(prose(path)) for n in re.findall(r"\d\.\d+", group)}
     assert {"2.31", "3.9", "3.12", "3.22"} <= used
+
+
+def test_the_citation_names_the_version_of_the_package():
+    root = DOCS.parent
+    version = tomllib.loads((root / "pyproject.toml").read_text())["project"]["version"]
+    assert f"\nversion: {version}\n" in (root / "CITATION.cff").read_text()
