@@ -153,6 +153,7 @@ def test_a_broken_process_pool_stops_with_a_word_and_what_is_stored_stays(tmp_pa
 # --- the store ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick
 def test_the_store_is_one_file_that_xarray_opens(tmp_path):
     path = tmp_path / "runs.h5"
     runs = si.Campaign(wave_model(), RECORD, SPACE.sample(10, seed=1), path).run()
@@ -175,6 +176,7 @@ def calls(model, tmp_path, monkeypatch):
     return lambda: len((tmp_path / "calls").read_text().splitlines()) if (tmp_path / "calls").exists() else 0
 
 
+@pytest.mark.quick
 def test_points_added_later_redo_nothing(tmp_path, monkeypatch):
     count = calls(None, tmp_path, monkeypatch)
     path, model = tmp_path / "runs.h5", wave_model(solvers.logged_wave)

@@ -335,6 +335,7 @@ def test_seeds_give_different_draws_and_the_same_seed_the_same():
     assert not np.array_equal(a, c)
 
 
+@pytest.mark.quick
 def test_result_speaks_the_arviz_schema(short_posterior, tmp_path):
     import xarray
 

@@ -43,6 +43,7 @@ EXPECTED = {
 }
 
 
+@pytest.mark.quick
 def test_every_way_to_fail_has_its_own_status_and_reason_and_stops_nothing():
     found = outcomes(solvers.misbehaving, [*EXPECTED, 0], time_limit=0.5)
     for i, (status, reason, rows) in enumerate(EXPECTED.values()):

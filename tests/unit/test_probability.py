@@ -146,6 +146,7 @@ def test_jax_density_agrees_with_numpy_and_rosenblatt_inverts():
     np.testing.assert_allclose(space.from_uniform(space.to_uniform(theta)), theta, rtol=1e-7)
 
 
+@pytest.mark.quick
 def test_bijection_and_its_jacobian(study_space):
     theta = study_space.sample(20, seed=1).values
     phi = study_space.bijection.inverse(theta)

@@ -190,6 +190,7 @@ def test_a_measured_file_of_another_length_or_step(tmp_path):
         load(tmp_path / "m.toml")
 
 
+@pytest.mark.quick
 def test_the_report_needs_only_its_folder(tmp_path):
     """The record and the measurement are kept beside the draws: the folder may move, the originals may go."""
     source = tmp_path / "source"

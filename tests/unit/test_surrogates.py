@@ -158,6 +158,7 @@ def test_a_posterior_warns_of_a_surrogate_too_coarse_for_its_data(fitted, model,
     assert warned(1e-3) and not warned(0.3)
 
 
+@pytest.mark.quick
 def test_it_is_saved_and_read_to_the_same_bits(surrogate, unseen, space, record, tmp_path):
     surrogate.validate(unseen)
     again = load_surrogate(surrogate.save(tmp_path / "surrogate.h5"))

@@ -1,4 +1,7 @@
-"""The single-degree-of-freedom Bouc-Wen-Baber-Noori oscillator."""
+"""The single-degree-of-freedom Bouc-Wen-Baber-Noori oscillator.
+
+Numbers in brackets, such as [3.12], are equations of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -78,7 +81,7 @@ class BoucWen(TraceableModel):
 
     Restoring force m (α ω² u + (1−α) ω² z). The excitation's type selects the mode: `GroundMotion` (base excitation),
     `ForceHistory`, or `DisplacementHistory` (the displacement is imposed and the restoring force returned, without the
-    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the source calls it dissipated, but part of
+    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the thesis calls it dissipated, but part of
     it is recoverable, and degradation driven by e_h can occur in elastic cycling. The law is
     bounded-input-bounded-output stable for |γ| ≤ β, which is left to the study.
 

@@ -1,4 +1,7 @@
-"""Initial and final stiffness of a measured loop by two straight lines, for the first moments of priors."""
+"""Initial and final stiffness of a measured loop by two straight lines, for the first moments of priors.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +71,7 @@ class LoopLines:
 
 
 def two_lines(displacement: np.ndarray, force: np.ndarray, elastic: float = 0.1, yielded: float = 0.75) -> LoopLines:
-    """Fit the initial and the final stiffness of a measured loop by two linear regressions (the source's figure 3.7).
+    """Fit the initial and the final stiffness of a measured loop by two linear regressions (the thesis's figure 3.7).
 
     The initial line is fitted to the samples before the displacement first leaves ± `elastic` of its peak, f = k_i u; the final one
     to the loading samples beyond ± `yielded` of the peak, f = ± f_y + k_u u with one slope for both sides.

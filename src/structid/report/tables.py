@@ -1,4 +1,7 @@
-"""Tables of a report: rows of text, numbers with as many digits as they deserve."""
+"""Tables of a report: rows of text, numbers with as many digits as they deserve.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +54,7 @@ def _at_zero(value: float) -> str:
 
 
 def posterior_table(content: ReportContent) -> Table:
-    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the source's tables have them.
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them.
 
     Parameters
     ----------

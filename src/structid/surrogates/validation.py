@@ -1,4 +1,7 @@
-"""How good a surrogate is: errors over runs it was not fitted to."""
+"""How good a surrogate is: errors over runs it was not fitted to.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -185,7 +188,7 @@ class Validation:
 
 
 def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [mm] by integration of two velocities, which shows what adds up (the source's figure 3.16)."""
+    """Displacements [mm] by integration of two velocities, which shows what adds up (the thesis's figure 3.16)."""
     both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
     first, second = both
     return first, second

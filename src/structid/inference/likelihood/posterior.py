@@ -1,4 +1,7 @@
-"""The posterior of a model's parameters given measured histories."""
+"""The posterior of a model's parameters given measured histories.
+
+Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Sparse regression: an order of the terms, least squares on nested sets of them, and leave-one-out to choose how many."""
+"""Sparse regression: an order of the terms, least squares on nested sets of them, and leave-one-out to choose how many.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Polynomial chaos: functions of the uncertain parameters as sums of polynomials orthonormal under their prior."""
+"""Polynomial chaos: functions of the uncertain parameters as sums of polynomials orthonormal under their prior.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

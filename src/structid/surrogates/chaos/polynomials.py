@@ -1,4 +1,7 @@
-"""Orthonormal polynomials of a parameter space: one family a marginal, truncated tensor products of them."""
+"""Orthonormal polynomials of a parameter space: one family a marginal, truncated tensor products of them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Kriging: Gaussian-process interpolation with a trend, one correlation for many outputs or one for each."""
+"""Kriging: Gaussian-process interpolation with a trend, one correlation for many outputs or one for each.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

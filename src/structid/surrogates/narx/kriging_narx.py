@@ -1,4 +1,7 @@
-"""Kriging-NARX: a NARX whose coefficients are Kriging predictors over the parameters."""
+"""Kriging-NARX: a NARX whose coefficients are Kriging predictors over the parameters.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

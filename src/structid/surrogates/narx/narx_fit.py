@@ -149,7 +149,7 @@ class NARXFit:
         return self._surrogate(self._with_deviation(trend, refined - start, kriging))
 
     def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
-        """Coefficients of each experiment by ordinary least squares, interpolated: the published way."""
+        """Coefficients of each experiment by ordinary least squares, interpolated: the way of the thesis (docs/bibliography.md)."""
         data = self.data[self.fitted]
         vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
         equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)

@@ -1,4 +1,7 @@
-"""PC-NARX: a NARX whose coefficients are polynomial chaos expansions of the parameters."""
+"""PC-NARX: a NARX whose coefficients are polynomial chaos expansions of the parameters.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Settings that every NARX surrogate shares."""
+"""Settings that every NARX surrogate shares.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

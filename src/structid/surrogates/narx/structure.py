@@ -1,4 +1,7 @@
-"""From runs to a NARX structure: signals, scales, training data, first coefficients, and which terms to keep."""
+"""From runs to a NARX structure: signals, scales, training data, first coefficients, and which terms to keep.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
