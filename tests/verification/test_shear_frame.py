@@ -4,7 +4,7 @@ import scipy.linalg
 import scipy.signal
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.errors import InputError
 
 NOTHING_FREE = np.zeros((1, 0))

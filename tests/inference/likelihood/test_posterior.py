@@ -4,7 +4,7 @@ import pytest
 import scipy.stats
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.errors import InputError
 from structid.inference.assessment.identifiability import identifiability
 from structid.inference.target import LogDensity

@@ -275,7 +275,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
     script = tmp_path / "fill.py"
     script.write_text(
         textwrap.dedent("""
-        import resource, sys, signal, numpy as np, structid as si, test_campaign as t
+        import resource, sys, signal, numpy as np, structid as si, test_store as t
         from structid.errors import StoreError
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         if len(sys.argv) > 2:
