@@ -1,3 +1,5 @@
+"""Marginals: density, distribution, quantile and moments agree, in NumPy and in JAX."""
+
 import jax
 import numpy as np
 import pytest
@@ -6,7 +8,6 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
-from structid.probability.designs import METHODS, smallest_distance, unit_design
 
 MARGINALS = {
     "uniform": si.Uniform(2.0, 5.0, unit="mm"),
@@ -108,106 +109,3 @@ def test_bad_marginals_are_refused(make):
 def test_a_truncation_to_nothing_says_so():
     with pytest.raises(InputError, match=r"holds .* of the distribution with mean 7.42"):
         si.Normal(7.42, 0.1, low=9.0)
-
-
-# --- spaces -----------------------------------------------------------------------------------------------------------
-
-
-def correlated():
-    return si.ParameterSpace(
-        correlation={("a", "b"): 0.7, ("b", "c"): -0.3},
-        a=si.Normal(1.0, 2.0),
-        b=si.LogNormal(mean=1.0, sd=0.4),
-        c=si.Uniform(0, 1),
-    )
-
-
-def test_copula_has_its_correlation_and_keeps_the_marginals():
-    space = correlated()
-    theta = space.sample(2**15, seed=3, method="sobol").values
-    normal = scipy.stats.norm.ppf(space.cdf(theta))
-    expected = np.array([[1, 0.7, 0], [0.7, 1, -0.3], [0, -0.3, 1]])
-    np.testing.assert_allclose(np.corrcoef(normal.T), expected, atol=5e-3)
-    for i, marginal in enumerate(space.marginals.values()):
-        assert scipy.stats.kstest(theta[:, i], marginal.cdf).statistic < 5e-3
-
-
-def test_copula_density_integrates_to_one():
-    space = si.ParameterSpace(correlation=np.array([[1, 0.6], [0.6, 1]]), a=si.Uniform(0, 2), b=si.Uniform(0, 1))
-    u = (np.arange(1200) + 0.5) / 1200
-    grid = np.stack(np.meshgrid(2 * u, u), axis=-1).reshape(-1, 2)
-    assert np.exp(space.log_density(grid)).mean() * 2.0 == pytest.approx(1.0, abs=2e-3)
-
-
-def test_jax_density_agrees_with_numpy_and_rosenblatt_inverts():
-    space = correlated()
-    theta = space.sample(50, seed=1).values
-    np.testing.assert_allclose(space.jax_log_density(jax.numpy.asarray(theta)), space.log_density(theta), rtol=1e-8)
-    np.testing.assert_allclose(space.from_uniform(space.to_uniform(theta)), theta, rtol=1e-7)
-
-
-def test_bijection_and_its_jacobian(study_space):
-    theta = study_space.sample(20, seed=1).values
-    phi = study_space.bijection.inverse(theta)
-    again, log_jacobian = study_space.bijection(phi)
-    np.testing.assert_allclose(again, theta, rtol=1e-10)
-    exact = jax.vmap(jax.jacfwd(lambda p: study_space.bijection.forward(p)[0]))(phi)
-    np.testing.assert_allclose(log_jacobian, np.log(np.abs(np.linalg.det(np.asarray(exact)))), rtol=1e-9)
-
-
-def test_derived_parameters():
-    space = si.ParameterSpace(
-        derived={"gamma": "gamma_ratio * beta", "twice": lambda p: 2 * p["gamma"]},
-        beta=si.Uniform(55, 65),
-        gamma_ratio=si.Uniform(-1, 1),
-    )
-    design = space.sample(10, seed=1)
-    np.testing.assert_allclose(design.columns(["gamma"])[:, 0], design.values[:, 0] * design.values[:, 1])
-    np.testing.assert_allclose(design.columns(["twice", "beta"])[:, 0], 2 * design.values[:, 0] * design.values[:, 1])
-    with pytest.raises(InputError, match="Did you mean 'beta'"):
-        si.ParameterSpace(derived={"gamma": "gamma_ratio * betta"}, beta=si.Uniform(0, 1), gamma_ratio=si.Uniform(0, 1))
-    with pytest.raises(InputError, match="functions of one argument"):
-        si.ParameterSpace(derived={"g": "__import__('os').getcwd()"}, beta=si.Uniform(0, 1))
-
-
-def test_contradictory_correlations_are_refused():
-    with pytest.raises(InputError, match="positive definite"):
-        si.ParameterSpace(
-            correlation={("a", "b"): 0.9, ("b", "c"): 0.9, ("a", "c"): -0.9},
-            a=si.Uniform(0, 1),
-            b=si.Uniform(0, 1),
-            c=si.Uniform(0, 1),
-        )
-
-
-# --- designs ----------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_designs_are_inside_seeded_and_uniform(method):
-    points = unit_design(256, 3, seed=5, method=method)
-    assert points.shape == (256, 3)
-    assert (points > 0).all() and (points < 1).all()
-    np.testing.assert_array_equal(points, unit_design(256, 3, seed=5, method=method))
-    assert not np.array_equal(points, unit_design(256, 3, seed=6, method=method))
-    assert all(scipy.stats.kstest(column, "uniform").pvalue > 1e-4 for column in points.T)
-
-
-def test_latin_hypercubes_have_one_point_a_row():
-    for method in ("latin_hypercube", "maximin"):
-        points = unit_design(100, 4, seed=1, method=method)
-        assert (np.sort(np.floor(points * 100), axis=0) == np.arange(100)[:, None]).all()
-
-
-def test_maximin_spreads_the_points():
-    plain = np.mean([smallest_distance(unit_design(60, 3, s, "latin_hypercube")) for s in range(5)])
-    spread = np.mean([smallest_distance(unit_design(60, 3, s, "maximin")) for s in range(5)])
-    assert spread > 1.5 * plain
-
-
-def test_sobol_integrates_better_than_chance():
-    def error(method):
-        values = [np.prod(1 + 0.5 * (unit_design(512, 4, s, method) - 0.5), axis=1).mean() - 1 for s in range(10)]
-        return np.sqrt(np.mean(np.square(values)))
-
-    assert error("sobol") < 0.1 * error("random")

@@ -1,21 +1,13 @@
-"""Comparison of model classes: stretches left out against refitted answers, Bayes factors, studies side by side."""
-
-import json
-import shutil
+"""Comparison of model classes: stretches left out against refitted answers, Bayes factors."""
 
 import numpy as np
 import pytest
 import scipy.stats
 
 import structid as si
-from structid import cli
 from structid.errors import InputError
 from structid.inference.assessment.comparison import Comparison, LeaveOut, ModelClass, leave_out
 from structid.inference.sampling.sampler import Evidence
-from structid.study.compare import compare_studies
-from structid.study.replicas import check_by_simulation
-from structid.study.run import run_study
-from studies import PACKAGED, PLAIN, shortened
 
 
 class Line(si.BoucWen):
@@ -82,85 +74,3 @@ def test_without_evidence_what_is_left_out_decides():
     assert found.best is better and "predicts best" in found.verdict and np.isnan(found.probabilities).all()
     gap, error = found.classes[0].left_out.less(better.left_out)
     assert gap == pytest.approx(-15.0) and error == pytest.approx(np.sqrt(10 * np.linspace(1, 2, 10).var(ddof=1)))
-
-
-QUICK = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n'
-METHODS = ('methods = ["pattern_search", "interior_point"]\nstarts = 4', "methods = []")
-DEGRADING = """[parameters.delta_eta]
-distribution = "uniform"
-low = 0
-high = 20
-
-[observation]"""
-
-
-def plain(name, degrading=False, **changes):
-    text = shortened(PLAIN, "6 s").replace(*METHODS).replace('name = "bouc_wen"', f'name = "{name}"')
-    begin, end = text.index("\n[sampler]") + 1, text.index("\n[deterministic]") + 1
-    text = text[:begin] + QUICK + "\n" + text[end:]
-    return text.replace("[observation]", DEGRADING, 1) if degrading else text
-
-
-@pytest.fixture(scope="module")
-def studies(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("studies")
-    for name, degrading in (("simple", False), ("degrading", True)):
-        (folder / f"{name}.toml").write_text(plain(name, degrading))
-        run_study(folder / f"{name}.toml", folder / name)
-    return folder
-
-
-def test_the_study_that_degrades_wins_where_the_structure_does(studies):
-    comparison, page = compare_studies([studies / "simple", studies / "degrading"], studies / "page")
-    assert comparison.best.name == "degrading" and comparison.bayes_factor(comparison.classes[0])[0] < -100.0
-    assert comparison.classes[0].left_out.less(comparison.classes[1].left_out)[0] < -100.0
-    text = page.read_text()
-    assert comparison.verdict in text.replace("&#39;", "'") and text.count("<figure>") == 1
-    assert (studies / "page" / "figures" / "predictions_velocity.pdf").is_file()
-
-
-def test_on_the_command_line(studies, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["structid", "compare", str(studies / "simple"), str(studies / "degrading")])
-    with pytest.raises(SystemExit):
-        cli.main()
-    said = capsys.readouterr().out
-    assert "log Bayes factor" in said and "degrading" in said and "unexplained" in said
-
-
-def test_what_cannot_be_compared(studies, tmp_path):
-    with pytest.raises(InputError, match="two or more"):
-        compare_studies([studies / "simple"])
-    with pytest.raises(InputError, match="holds no study"):
-        compare_studies([studies / "simple", tmp_path])
-    shutil.copytree(studies / "simple", tmp_path / "other")
-    told = json.loads((tmp_path / "other" / "identity.json").read_text())
-    told["study"]["observation"] = "another"
-    (tmp_path / "other" / "identity.json").write_text(json.dumps(told))
-    with pytest.raises(InputError, match="different measurements"):
-        compare_studies([studies / "simple", tmp_path / "other"])
-
-
-def test_a_study_is_checked_by_simulation(tmp_path, monkeypatch, capsys):
-    (tmp_path / "study.toml").write_text(plain("study"))
-    arguments = ["structid", "sbc", str(tmp_path / "study.toml"), "--replicas", "20", "--out", str(tmp_path / "sbc")]
-    monkeypatch.setattr("sys.argv", arguments)
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    said = capsys.readouterr().out
-    assert ended.value.code in (0, 3) and "90 % holds" in said and (tmp_path / "sbc" / "sbc.png").is_file()
-
-
-def test_a_study_with_a_surrogate_is_checked_with_it_if_it_may_stand_in(tmp_path):
-    """Twenty runs are too few for the gate; who trusts the surrogate all the same is heard, as in a run."""
-    study = tmp_path / "study.toml"
-    text = plain("study").replace('kind = "none"', 'kind = "pod_kriging"\nlimit = 1e-9') + "\n[campaign]\nruns = 20\n"
-    study.write_text(text)
-    with pytest.raises(InputError, match=r"1e-09 or less.*trust\(\)"):
-        check_by_simulation(study, 20)
-    study.write_text(text.replace("limit = 1e-9", "limit = 1e-9\ntrust = true"))
-    found, figure = check_by_simulation(study, 20)
-    assert figure is None and "stiffness" in str(found)
-
-
-def test_the_packaged_study_is_certified_and_offers_every_sampler():
-    assert "[calibration]" in PACKAGED and all(k in PACKAGED for k in ("aies", "nuts", "delayed_acceptance"))
