@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from oscillators import DEGRADING
 
 SHARED = Path(os.environ.get("STRUCTID_SHARED", Path(__file__).parents[2] / "shared"))
 
@@ -47,19 +48,6 @@ def study_space() -> si.ParameterSpace:
         gamma_ratio=si.Uniform(-1.0, 1.0),
         alpha=si.LogNormal(mean=0.063, sd=0.01, high=1.0),
     )
-
-
-DEGRADING = dict(
-    mass=12_000.0,
-    damping_ratio=0.03,
-    stiffness=7.6e6,
-    alpha=0.05,
-    beta=63.0,
-    gamma_ratio=1.0,
-    delta_nu=2.43,
-    delta_eta=6.5,
-)
-"""The benchmark study's true oscillator."""
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from structid.campaign import store as stores
 
 pytestmark = pytest.mark.slow  # three minutes of killing
 
-TESTS = Path(__file__).parents[1]
+HELPERS = Path(__file__).parents[1] / "helpers"
 RUNS = 500
 SCRIPT = f"""
 import sys, numpy as np, structid as si, solvers
@@ -42,7 +42,7 @@ def campaign(tmp_path):
     script.write_text(textwrap.dedent(SCRIPT))
 
     def start(store, log, executor="processes:2"):
-        environment = dict(os.environ, PYTHONPATH=str(TESTS), CALLS=str(log))
+        environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(HELPERS), *sys.path]), CALLS=str(log))
         return subprocess.Popen(
             [sys.executable, str(script), str(store), executor], env=environment, stdout=subprocess.PIPE, text=True
         )
@@ -109,7 +109,7 @@ def test_killed_at_twenty_random_moments(campaign, undisturbed, tmp_path):
 def dask(*arguments):
     return subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:]],
-        env=dict(os.environ, PYTHONPATH=str(TESTS), CALLS=os.environ["CALLS"]),
+        env=dict(os.environ, PYTHONPATH=os.pathsep.join([str(HELPERS), *sys.path]), CALLS=os.environ["CALLS"]),
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ import posteriordb
 import pytest
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.inference.assessment import diagnostics
 
 pytestmark = pytest.mark.slow

@@ -8,7 +8,7 @@ import pytest
 import scipy.integrate
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.errors import InputError, Status
 from structid.ground_motion.processing import integrate
 

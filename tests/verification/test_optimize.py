@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.errors import InputError
 
 METHODS = (si.optimize.pattern_search, si.optimize.interior_point)

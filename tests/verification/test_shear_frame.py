@@ -4,7 +4,7 @@ import scipy.linalg
 import scipy.signal
 
 import structid as si
-from conftest import DEGRADING
+from oscillators import DEGRADING
 from structid.errors import InputError
 
 pytestmark = pytest.mark.quick

@@ -1,3 +1,5 @@
+"""Drawing: densities, powers of ten, files."""
+
 import matplotlib
 import numpy as np
 import pytest

@@ -1,15 +1,12 @@
-import jax
+"""Posteriors: prior, likelihood, Jacobian and nuisances as they are written in the definitions."""
+
 import numpy as np
 import pytest
 import scipy.stats
 
 import structid as si
-from conftest import DEGRADING
 from structid.errors import InputError
-from structid.inference.assessment.identifiability import identifiability
-from structid.inference.target import LogDensity
 from structid.models.face import Model
-from structid.models.loop_lines import two_lines
 
 
 def numpy_log_posterior(posterior, theta):
@@ -135,28 +132,6 @@ def test_channels_have_their_own_variance(short_record, study_space):
     assert posterior.log_likelihood(theta)[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_fisher_information_is_the_curvature_of_a_linear_problem(short_record):
-    """For a linear dependence on the parameter the Cramér-Rao bound is exact: sd² = σ²/Σ(∂y/∂θ)²."""
-    space = si.ParameterSpace(initial_displacement=si.Normal(0.0, 0.01), initial_velocity=si.Normal(0.0, 0.1))
-    model = si.BoucWen(
-        mass=1.0,
-        stiffness=630.0,
-        damping_ratio=0.03,
-        alpha=1.0,
-        beta=0.0,
-        gamma=0.0,
-        free=space.names,
-        channels=("displacement",),
-    )
-    quiet = si.GroundMotion(np.zeros(601), 0.01)
-    base = model.simulate(np.array([[1.0, 0.0], [0.0, 1.0]]), quiet).values[:, :, 0]
-    posterior = si.Posterior(space, model, si.Observation(quiet, base[0], ("displacement",)), si.IID(1e-6))
-    found = identifiability(posterior, np.array([0.001, 0.01]))
-    np.testing.assert_allclose(found.fisher, base @ base.T / 1e-6, rtol=1e-9)
-    np.testing.assert_allclose(found.cramer_rao_sd, np.sqrt(np.diag(np.linalg.inv(found.fisher))), rtol=1e-6)
-    assert found.unseen == []
-
-
 @pytest.mark.parametrize(
     ("make", "words"),
     [
@@ -185,78 +160,6 @@ def test_names_must_match(short_record, study_space):
         si.Posterior(study_space, model, si.Observation(short_record, np.ones(601), ("displacement",)))
 
 
-def test_bare_log_densities_numpy_and_jax_agree():
-    bounds = {"b": (0.0, np.inf), "c": (-1.0, 2.0)}
-    start = si.ParameterSpace(a=si.Normal(0, 1), b=si.Gamma(mean=2, sd=1), c=si.Uniform(-1, 2))
-
-    def density(theta, numpy=np):
-        return -0.5 * theta[..., 0] ** 2 - theta[..., 1] + numpy.log(theta[..., 1]) - theta[..., 2]
-
-    host = LogDensity(density, "abc", start, bounds)
-    device = LogDensity(lambda t: density(t, jax.numpy), "abc", start, bounds, backend="jax")
-    phi = host.initial(6, np.random.default_rng(0))
-    np.testing.assert_allclose(host.evaluate(phi)[0], device.evaluate(phi)[0], rtol=1e-10)
-    broken = LogDensity(lambda t: np.full(len(t), np.nan), "abc", start)
-    assert broken.evaluate(phi)[1].all() and (broken.evaluate(phi)[0] == -np.inf).all()
-
-
-def test_two_lines_through_a_bilinear_loop():
-    """An elastoplastic loop of known stiffnesses gives them back."""
-    u = 0.02 * np.sin(np.linspace(0, 4 * np.pi, 4001))
-    loop = si.BoucWen(
-        mass=1.0, stiffness=7.6e6, alpha=0.06, beta=0.5 / 0.001**8, gamma=0.5 / 0.001**8, exponent=8.0, substeps=8
-    )
-    force = (
-        loop.recording("restoring_force").simulate(np.zeros((1, 0)), si.DisplacementHistory(u, 0.01)).values[0, :, 0]
-    )
-    lines = two_lines(u, force, elastic=0.02)
-    assert lines.initial_stiffness == pytest.approx(7.6e6, rel=1e-3)
-    assert lines.alpha == pytest.approx(0.06, rel=1e-2)
-    assert lines.yield_force == pytest.approx(0.94 * 7.6e6 * 0.001, rel=1e-2)
-    lines.plot()
-
-
-def test_prior_means_from_the_study_are_near_the_sources(record):
-    """The source reads 7.42 kN/mm and α = 0.063 off its loop (figure 3.7); ours, of the same oscillator, is near."""
-    strong = record.scale_to_pga(3.59)
-    run = si.BoucWen(**DEGRADING, channels=("displacement", "restoring_force")).simulate(np.zeros((1, 0)), strong)
-    lines = two_lines(*run.values[0].T)
-    print(f"k_i {lines.initial_stiffness / 1e6:.2f} kN/mm, alpha {lines.alpha:.3f}")
-    assert 6.0e6 < lines.initial_stiffness < 7.7e6
-    assert 0.0 < lines.alpha < 0.3
-
-
-def test_a_parameter_the_data_cannot_see_has_an_infinite_bound(short_record):
-    """Mass and stiffness of a free oscillator enter as their ratio alone."""
-    space = si.ParameterSpace(
-        mass=si.Uniform(0.5, 2.0), stiffness=si.Uniform(300.0, 1300.0), damping_ratio=si.Uniform(0.01, 0.1)
-    )
-    model = si.BoucWen(alpha=1.0, beta=0.0, gamma=0.0, free=space.names, channels=("displacement",))
-    posterior = si.Posterior(space, model, si.Observation(short_record, np.ones(601), ("displacement",)), si.IID(1e-6))
-    found = identifiability(posterior, np.array([1.0, 630.0, 0.03]))
-    assert np.isinf(found.cramer_rao_sd[:2]).all() and np.isfinite(found.cramer_rao_sd[2])
-    assert len(found.unseen) == 1 and "mass" in found.unseen[0] and "stiffness" in found.unseen[0]
-
-
-def test_prediction_knows_each_observation_and_each_channel(short_record, study_space):
-    from structid.inference.assessment.prediction import predict
-
-    other = si.GroundMotion.synthetic(seed=9).lowpass(20.0).trim(4.0, 8.0).scale_to_pga(1.5)
-    channels = ("displacement", "velocity")
-    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=study_space.names, channels=channels)
-    values = [model.simulate(np.array([[7e6, 60.0, 0.3, 0.05]]), r).values[0] for r in (short_record, other)]
-    observations = [si.Observation(r, v, channels) for r, v in zip((short_record, other), values, strict=True)]
-    posterior = si.Posterior(study_space, model, observations)
-    theta = np.tile([7e6, 60.0, 0.3, 0.05, 1e-8, 1e-2, 1e-8, 1e-4], (50, 1))
-    one = predict(posterior, theta, short_record, ("velocity",))
-    assert (one.observable - one.response).std() == pytest.approx(0.1, rel=0.02)
-    second = predict(posterior, theta, other)
-    assert second.channels == channels
-    assert (second.observable - second.response)[:, :, 1].std() == pytest.approx(0.01, rel=0.02)
-    extra = predict(posterior, theta, other, ("velocity", "restoring_force"))
-    np.testing.assert_array_equal(extra.observable[:, :, 1], extra.response[:, :, 1])
-
-
 def test_units_and_times_of_a_measured_file(short_record, tmp_path):
     path = tmp_path / "v.csv"
     np.savetxt(path, np.column_stack([short_record.time, np.sin(short_record.time)]), delimiter=",")
@@ -271,14 +174,3 @@ def test_units_and_times_of_a_measured_file(short_record, tmp_path):
     path.write_text("nan\n1.0\n2.0\n3.0\n")
     with pytest.raises(InputError, match="line 1"):
         si.GroundMotion.read(path, dt=0.01, unit="g")
-
-
-def test_functions_are_known_by_what_they_do():
-    from structid.journal import function_identity
-
-    def factory(k):
-        return lambda p, j=2: [k * v**j for v in p]
-
-    assert function_identity(factory(1)) == function_identity(factory(1))
-    assert function_identity(factory(1)) != function_identity(factory(2))
-    assert function_identity(lambda x, k=2: k * x) != function_identity(lambda x, k=3: k * x)

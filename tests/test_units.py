@@ -1,3 +1,5 @@
+"""Quantities with units become SI, wrong ones name their key."""
+
 import pytest
 
 from structid import units

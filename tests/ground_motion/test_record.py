@@ -1,3 +1,5 @@
+"""Records: readers, filters, measures, and what is refused at the door."""
+
 import numpy as np
 import pytest
 

@@ -24,3 +24,13 @@ PLAIN = (
 def shortened(text: str, end: str = "8 s") -> str:
     """The same on a part of the record."""
     return text.replace('lowpass = "20 Hz"', f'lowpass = "20 Hz"\ntrim = ["3 s", "{end}"]', 1)
+
+
+SMALL = (
+    PLAIN.replace('lowpass = "20 Hz"', 'lowpass = "20 Hz"\ntrim = ["3 s", "9 s"]', 1)
+    .replace("steps = 3000", "steps = 80\nsettling_steps = 0\nstart_candidates = 2")
+    .replace("walkers = 32", "walkers = 12")
+    .replace("ensembles = 4", "ensembles = 2")
+    .replace("starts = 4", "starts = 2")
+)
+"""Six seconds of record and eighty steps, which do not converge."""

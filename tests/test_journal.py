@@ -1,3 +1,5 @@
+"""Journals: what was finished comes back, torn ends go, another's is refused; functions are known by what they do."""
+
 import numpy as np
 import pytest
 
@@ -126,3 +128,14 @@ def test_an_identity_says_what_arrays_of_jax_hold():
 
     one, same, other = (function_identity(density_of(jnp.asarray(d))) for d in ([1, 2], [1, 2], [1, 3]))
     assert one == same != other
+
+
+def test_functions_are_known_by_what_they_do():
+    from structid.journal import function_identity
+
+    def factory(k):
+        return lambda p, j=2: [k * v**j for v in p]
+
+    assert function_identity(factory(1)) == function_identity(factory(1))
+    assert function_identity(factory(1)) != function_identity(factory(2))
+    assert function_identity(lambda x, k=2: k * x) != function_identity(lambda x, k=3: k * x)

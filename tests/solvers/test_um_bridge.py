@@ -1,0 +1,126 @@
+"""UM-Bridge: our client and the official server, the official client and our server."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import solvers
+import structid as si
+from structid.errors import Status
+from structid.solvers.um_bridge import ServedModel
+from studies import PLAIN, shortened
+
+RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")
+
+
+OFFICIAL_SERVER = """
+import sys, math, umbridge
+class Wave(umbridge.Model):
+    def __init__(self): super().__init__("wave")
+    def get_input_sizes(self, config): return [1, 1]
+    def get_output_sizes(self, config): return [config.get("samples", 400)]
+    def __call__(self, parameters, config):
+        (a,), (b,) = parameters
+        if a > 5: raise RuntimeError("too large")
+        return [[a * math.sin(b * 0.01 * i) for i in range(config.get("samples", 400))]]
+    def supports_evaluate(self): return True
+umbridge.serve_models([Wave()], int(sys.argv[1]))
+"""
+
+
+def free_port():
+    import socket
+
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def served(arguments, port):
+    umbridge = pytest.importorskip("umbridge")
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 90
+    while True:
+        try:
+            return process, umbridge.supported_models(f"http://127.0.0.1:{port}")
+        except Exception:
+            assert time.monotonic() < deadline and process.poll() is None
+            time.sleep(0.2)
+
+
+def test_our_client_runs_a_server_written_with_the_official_package(tmp_path):
+    script = tmp_path / "server.py"
+    script.write_text(OFFICIAL_SERVER)
+    port = free_port()
+    process, names = served([sys.executable, str(script), str(port)], port)
+    try:
+        assert names == ["wave"]
+        url = f"http://127.0.0.1:{port}"
+        model = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", time_limit=20.0)
+        theta = np.array([[1.5, 2.0], [9.0, 2.0], [0.5, 3.0]])
+        found = model.simulate(theta, RECORD)
+        np.testing.assert_allclose(found.values[0, :, 0], 1.5 * np.sin(2.0 * RECORD.time), rtol=1e-14)
+        assert found.status.tolist() == [Status.DONE, Status.FAILED, Status.DONE]
+        assert "did not answer" in found.reasons[1]
+        wrong = si.UMBridgeModel(url, ("a",), ("velocity",), "wave").simulate(theta[:1, :1], RECORD)
+        assert "takes 2 numbers, there are 1 parameters" in wrong.reasons[0]
+        short = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", {"samples": 300}).simulate(theta[:1], RECORD)
+        assert "300 rows" in short.reasons[0]
+        nobody = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "ripple").simulate(theta[:1], RECORD)
+        assert "ripple" in nobody.reasons[0]
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_the_official_client_reads_our_server(tmp_path, study_space):
+
+    study = tmp_path / "study.toml"
+    study.write_text(shortened(PLAIN, "9 s"))
+    port = free_port()
+    command = [sys.executable, "-c", "from structid.cli import main; main()", "serve", str(study), "--port", str(port)]
+    process, names = served(command, port)
+    try:
+        import umbridge
+
+        from structid.study.run import load
+
+        built = load(study)
+        assert names == ["forward", "posterior"]
+        forward = umbridge.HTTPModel(f"http://127.0.0.1:{port}", "forward")
+        assert forward.get_input_sizes() == [4] and forward.get_output_sizes() == [601]
+        theta = built.space.sample(1, seed=2).values
+        (answer,) = forward(theta.tolist())
+        expected = built.model.simulate(theta, built.record).values[0, :, 0]
+        np.testing.assert_allclose(answer, expected, rtol=1e-12, atol=1e-15)
+        short = {"record": {"dt": 0.01, "values": built.record.values[:200].tolist()}}
+        np.testing.assert_allclose(forward(theta.tolist(), short)[0], expected[:200], rtol=1e-9, atol=1e-12)
+        # Derivatives through the protocol against differences through the protocol.
+        direction = [theta[0, 0] * 1e-6, 0.0, 0.0, 0.0]
+        step = np.array([direction])
+        difference = (np.array(forward((theta + step).tolist())[0]) - np.array(forward((theta - step).tolist())[0])) / 2
+        jacobian = np.array(forward.apply_jacobian(0, 0, theta.tolist(), direction))
+        # A difference across a kink of the law (the velocity changes sign within a step) is of first order only.
+        np.testing.assert_allclose(jacobian, difference, atol=1e-3 * np.abs(jacobian).max())
+        weights = np.linspace(-1.0, 1.0, 601).tolist()
+        gradient = forward.gradient(0, 0, theta.tolist(), weights)
+        assert np.dot(gradient, direction) == pytest.approx(np.dot(weights, jacobian), rel=1e-8)
+        density = umbridge.HTTPModel(f"http://127.0.0.1:{port}", "posterior")
+        phi = built.posterior.space.sample(1, seed=3).values
+        assert density(phi.tolist())[0][0] == pytest.approx(built.posterior.log_density(phi)[0], rel=1e-10)
+        phi[0, 0] = -1.0
+        assert density(phi.tolist())[0][0] < -1e300
+    finally:
+        process.kill()
+        process.wait()
+
+
+def test_a_run_that_fails_is_too_short_for_the_protocol():
+    model = si.CallableModel(solvers.misbehaving, ("a",), ("velocity",), isolated=False)
+    served_model = ServedModel(model, RECORD)
+    assert [len(v) for v in served_model([[2.0]], {})] == [100]
+    assert served_model.get_output_sizes({}) == [400]
+    assert not served_model.supports_gradient()
