@@ -23,7 +23,7 @@ from structid.inference.assessment.prediction import Prediction, predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult, Summary
 from structid.models.face import Model
-from structid.optimize import OptimizeResult
+from structid.optimize.minima import OptimizeResult
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 from structid.units import factor

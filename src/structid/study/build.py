@@ -32,8 +32,8 @@ from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
 from structid.optimize.region import region
 from structid.probability import marginals
 from structid.probability.expressions import parse_expression
-from structid.probability.marginals import Marginal
 from structid.probability.space import Design, ParameterSpace
+from structid.probability.truncation import Marginal
 from structid.study.external import external_model
 from structid.study.schema import (
     CalibrationSection,

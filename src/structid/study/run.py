@@ -26,7 +26,8 @@ from structid.inference.sample import sample
 from structid.inference.sampling_result import SamplingResult
 from structid.journal import compare_identity, differences, write_then_rename
 from structid.models.face import Progress
-from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
+from structid.optimize import interior_point, pattern_search
+from structid.optimize.minima import Minimum, OptimizeResult
 from structid.report.content import ReportContent
 from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs

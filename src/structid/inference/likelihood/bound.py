@@ -20,7 +20,7 @@ from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
-from structid.probability.marginals import Marginal
+from structid.probability.truncation import Marginal
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,8 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
-from structid.probability.marginals import LogNormal, Marginal, Uniform
+from structid.probability.marginals import LogNormal, Uniform
+from structid.probability.truncation import Marginal
 
 Matrix = list[list[Any]]
 """A small matrix whose entries are arrays over channels and runs."""

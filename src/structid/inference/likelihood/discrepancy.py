@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.errors import InputError
-from structid.probability.marginals import Marginal, Uniform
+from structid.probability.marginals import Uniform
+from structid.probability.truncation import Marginal
 
 
 class Discrepancy(ABC):

@@ -14,7 +14,7 @@ from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
 from structid.journal import digest
-from structid.probability.marginals import Marginal
+from structid.probability.truncation import Marginal
 
 NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""

@@ -15,8 +15,8 @@ import numpy as np
 import scipy.special
 
 from structid.errors import InputError
-from structid.probability.marginals import Marginal
 from structid.probability.space import ParameterSpace
+from structid.probability.truncation import Marginal
 from structid.units import factor
 
 LARGEST_BASIS = 200_000
