@@ -15,7 +15,7 @@ import solvers
 import structid as si
 from processes import wait_until_gone
 from structid.errors import InputError, Status
-from structid.solvers.external import attempt, packed
+from structid.solvers.guard import attempt, packed
 from structid.solvers.um_bridge import ServedModel
 from studies import PLAIN, shortened
 

@@ -11,7 +11,7 @@ import structid as si
 from structid.errors import InputError, Status, StructidWarning
 from structid.models.face import Model
 from structid.runs import InMemory
-from structid.surrogates.storage import load_surrogate
+from structid.surrogates.registry import load_surrogate
 from structid.surrogates.validation import relative_errors
 
 KINDS = {

@@ -12,8 +12,8 @@ from typing import Any
 
 from structid.cores import available_cores
 from structid.errors import CampaignStoppedError, InputError
-from structid.models.face import JaxModel, Map, Model
-from structid.solvers import external
+from structid.models.face import Map, Model
+from structid.solvers.guard import guard_of_this_thread
 from structid.solvers.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
@@ -185,9 +185,7 @@ def _pool_of(executor: Any) -> Pool:
 def _local(workers: int) -> Pool:
     """Threads, each the owner of a child process that does its runs."""
     guards: list[Watchdog] = []
-    threads = ThreadPoolExecutor(
-        workers, "structid-run", initializer=lambda: guards.append(external.guard_of_this_thread())
-    )
+    threads = ThreadPoolExecutor(workers, "structid-run", initializer=lambda: guards.append(guard_of_this_thread()))
 
     def release(abort: bool) -> None:
         if abort:
@@ -283,7 +281,7 @@ def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     context manager
         Gives what to pass on as an executor; for a built-in model, which needs none, what came.
     """
-    return contextlib.nullcontext(executor) if isinstance(model, JaxModel) else opened(executor)
+    return opened(executor) if model.guarded else contextlib.nullcontext(executor)
 
 
 @contextlib.contextmanager
@@ -319,7 +317,7 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
         yield mapped
 
 
-def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
+def run_map(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
     """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none.
 
     Parameters
@@ -334,4 +332,4 @@ def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     context manager
         Gives a `map`, or None for a built-in model.
     """
-    return contextlib.nullcontext() if isinstance(model, JaxModel) else mapping(executor)
+    return mapping(executor) if model.guarded else contextlib.nullcontext()

@@ -19,7 +19,9 @@ from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.space import Design
 from structid.runs import Runs, record_numbers
-from structid.solvers.external import ExternalModel, Outcome, PackedCall, attempt, packed
+from structid.solvers.external import as_guarded
+from structid.solvers.guard import PackedCall, attempt, packed
+from structid.solvers.protocol import Outcome
 
 CampaignProgress = Callable[[int, int, int], None]
 """Told how many runs have ended, of how many, and how many of them failed."""
@@ -160,7 +162,7 @@ class Campaign:
             if todo:
                 store.describe(self.keys, self.design.values, self.record_of_run)
                 count = _Counter(store, self.keys, todo, progress)
-                if isinstance(self.model, ExternalModel):
+                if self.model.guarded:
                     self._one_by_one(store, todo, count, executor, attempts, retry)
                 else:
                     self._in_batches(store, todo, count)
@@ -245,8 +247,8 @@ class Campaign:
         attempts: int,
         retry: bool,
     ) -> None:
-        assert isinstance(self.model, ExternalModel)
-        calls = [packed(self.model, record) for record in self.records]
+        model = as_guarded(self.model)
+        calls = [packed(model, record) for record in self.records]
         with opened(executor) as pool:
             waiting = list(reversed(todo))
             # A run that was stopped between two attempts has the rest of them; one that is done again has all of them.
@@ -260,9 +262,8 @@ class Campaign:
                 count.add([f for f in finished if not any(self.keys[t.row] == f.key for t in again)])
 
     def _submit(self, pool: Pool, ticket: _Ticket, calls: list[PackedCall]) -> None:
-        assert isinstance(self.model, ExternalModel)
         number = self.record_of_run[ticket.row]
-        task = self.model.task(self.theta[ticket.row], self.records[number], ticket.attempts)
+        task = as_guarded(self.model).task(self.theta[ticket.row], self.records[number], ticket.attempts)
         pool.submit(ticket, attempt, calls[number], task)
 
     def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
@@ -287,12 +288,12 @@ class _Counter:
         pending = {keys[t.row] for t in todo}
         stored = [row for key, row in store.rows.items() if key not in pending]
         self.done, self.total, self.progress = len(stored), len(keys), progress
-        self.failed = sum(row.status != Status.DONE for row in stored)
+        self.failed = sum(Status(row.status).run_failed for row in stored)
         self.add([])
 
     def add(self, finished: Sequence[Finished]) -> None:
         self.done += len(finished)
-        self.failed += sum(f.outcome.status != Status.DONE for f in finished)
+        self.failed += sum(Status(f.outcome.status).run_failed for f in finished)
         if self.progress is not None:
             self.progress(self.done, self.total, self.failed)
 

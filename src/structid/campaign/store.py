@@ -31,7 +31,7 @@ from structid.errors import InputError, Status, StoreError
 from structid.journal import Journal, compare_identity, differences
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.solvers.external import Outcome
+from structid.solvers.protocol import Outcome
 
 CAMPAIGN_RUNS = "runs.h5"
 """File of a study's folder with the runs of its campaign."""

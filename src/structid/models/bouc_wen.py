@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from structid.channels import check_channels
 from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.histories import check_channels
 from structid.journal import digest
 from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
-from structid.models.face import JaxModel
+from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
 
 
 @dataclass(frozen=True, eq=False)
-class BoucWen(JaxModel):
+class BoucWen(TraceableModel):
     """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).
 
     ::
@@ -222,17 +222,37 @@ class BoucWen(JaxModel):
             values["gamma"] = values["gamma_ratio"] * values["beta"]
         return values
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
-        """Respond inside JAX; see `JaxModel.response`.
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse several signals at once, and accelerations where the displacement is imposed.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If the oscillator cannot respond to it.
+        """
+        check_one_signal("BoucWen", excitation)
+        wanted = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
+        if excitation.kind == "displacement" and wanted:
+            raise InputError(
+                "channels",
+                "accelerations with an imposed displacement",
+                "displacement, velocity, restoring_force, …",
+            )
+
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+        """Respond inside JAX; see `TraceableModel.response`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
-            Its type, dt and lead-in decide what is compiled.
-        stages : jax.Array, shape (time − 1, substeps, 3)
-            Its values.
+        excitation : TracedExcitation
+            What drives it.
 
         Returns
         -------
@@ -242,7 +262,6 @@ class BoucWen(JaxModel):
         from structid.device import jnp
         from structid.mechanics.runge_kutta import integrate
 
-        check_one_signal("BoucWen", excitation)
         values = self._values(theta)
         equations = _Equations(values, self.channels, excitation.kind)
         final, seen = integrate(
@@ -250,7 +269,7 @@ class BoucWen(JaxModel):
             equations.inputs(excitation.dt / self.substeps),
             equations.observe,
             equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])),
-            stages,
+            excitation.stages,
             excitation.dt,
         )
         return seen[excitation.dropped_samples :], jnp.isfinite(sum(final.values()))
@@ -318,6 +337,16 @@ class BoucWen(JaxModel):
                     suggestion(name, self.free),
                 )
         return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]
+
+    @property
+    def loop_channels(self) -> tuple[str, str, str]:
+        """Displacement, force and absorbed energy of the spring."""
+        return ("displacement", "restoring_force", "absorbed_energy")
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "Bouc–Wen oscillator"
 
     def recording(self, *channels: str) -> BoucWen:
         """Return this model with other channels.
@@ -392,12 +421,6 @@ class _Equations:
         asked = set(channels)
         self.needs_hysteretic_energy = degrades(self.law) or bool(asked & {"hysteretic_energy", "absorbed_energy"})
         self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
-        if self.driven and asked & {"relative_acceleration", "absolute_acceleration"}:
-            raise InputError(
-                "channels",
-                "accelerations with an imposed displacement",
-                "displacement, velocity, restoring_force, …",
-            )
 
     def _viscous(self) -> Any:
         """Return c/m = 2 ζ ω."""

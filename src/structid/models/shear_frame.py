@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from structid.channels import check_channels
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.histories import check_channels
 from structid.journal import digest
 from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
 from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free, finite_number
-from structid.models.face import JaxModel
+from structid.models.traceable import TraceableModel, TracedExcitation
 
 STOREY_PARAMETERS = (
     "mass",
@@ -55,7 +55,7 @@ Storeys = float | Sequence[float] | None
 
 
 @dataclass(frozen=True, eq=False)
-class ShearFrame(JaxModel):
+class ShearFrame(TraceableModel):
     """Shear frame: floor masses joined by hysteretic springs, fixed at the base.
 
     With the drifts d_j = u_j − u_(j−1) and the storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j)::
@@ -224,17 +224,34 @@ class ShearFrame(JaxModel):
         values["damping_ratio"] = column.get("damping_ratio", self.damping_ratio)
         return values
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
-        """Respond inside JAX; see `JaxModel.response`.
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse several signals at once, and an imposed displacement.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is neither a ground motion nor a force on the top floor.
+        """
+        check_one_signal("ShearFrame", excitation)
+        if excitation.kind == "displacement":
+            raise InputError(
+                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
+            )
+
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+        """Respond inside JAX; see `TraceableModel.response`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
+        excitation : TracedExcitation
             Ground motion, or a force on the top floor.
-        stages : jax.Array, shape (time − 1, substeps, 3)
-            Its values.
 
         Returns
         -------
@@ -244,11 +261,6 @@ class ShearFrame(JaxModel):
         from structid.device import jnp
         from structid.mechanics.runge_kutta import integrate
 
-        check_one_signal("ShearFrame", excitation)
-        if excitation.kind == "displacement":
-            raise InputError(
-                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
-            )
         equations = _Equations(self, self._values(theta), excitation.kind, theta.shape[0])
         # Zero times a column, so that the state varies over the runs as the parameters do.
         zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
@@ -257,7 +269,7 @@ class ShearFrame(JaxModel):
             lambda s: (s[0], s[1], s[2]),
             equations.observe,
             equations.initial_state(zero),
-            stages,
+            excitation.stages,
             excitation.dt,
         )
         return seen[excitation.dropped_samples :], jnp.isfinite(sum(part.sum(axis=0) for part in final.values()))
@@ -269,6 +281,16 @@ class ShearFrame(JaxModel):
         return digest(
             "ShearFrame", settings, np.asarray(self.damping) if not isinstance(self.damping, str) else self.damping
         )
+
+    @property
+    def loop_channels(self) -> tuple[str, str, str]:
+        """Of the first storey, which carries the base shear."""
+        return ("drift_1", "restoring_force_1", "absorbed_energy_1")
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "shear frame"
 
     def recording(self, *channels: str) -> ShearFrame:
         """Return this frame with other channels.

@@ -107,4 +107,4 @@ def _compiled_forward(bounds: tuple[tuple[float, float], ...], scales: tuple[flo
     """`Bijection.forward`, compiled once for all bijections of the same box: every round of a calibration has one."""
     from structid.device import over_runs
 
-    return over_runs(Bijection(np.array(bounds), np.array(scales)).forward, spread=False)
+    return over_runs(Bijection(np.array(bounds), np.array(scales)).forward, shard=False)

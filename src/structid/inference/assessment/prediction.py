@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
@@ -105,7 +104,7 @@ def predict(
     observation = observations[index or 0]
     channels = observation.channels if channels is None else tuple(channels)
     every = tuple(dict.fromkeys((*observation.channels, *channels)))
-    model = _recording(posterior.model, every)
+    model = posterior.model.recording(*every) if set(every) - set(posterior.model.channels) else posterior.model
     run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress, map=posterior.map)
     good = run.done
     response = run.values[good][:, :, [run.channels.index(c) for c in every]]
@@ -123,18 +122,6 @@ def predict(
     return Prediction(
         run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
     )
-
-
-def _recording(model: Any, channels: tuple[str, ...]) -> Any:
-    if set(channels) <= set(model.channels):
-        return model
-    if not hasattr(model, "recording"):
-        raise InputError(
-            "channels",
-            f"{', '.join(channels)}",
-            f"what this {type(model).__name__} records: {', '.join(model.channels)}",
-        )
-    return model.recording(*channels)
 
 
 def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:

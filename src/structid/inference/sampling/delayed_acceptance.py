@@ -7,7 +7,7 @@ those of the model's posterior whatever the surrogate; a bad one only makes them
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Mo
 from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
 from structid.inference.sampling.starting import tempered_draws
 from structid.inference.target import Target
-from structid.models.face import JaxModel, Model, Progress
+from structid.models.face import Model, Progress
 
 START_TRIES = 5
 """Rounds of looking for starting points at which the model itself has a density."""
@@ -85,6 +85,27 @@ class DelayedAcceptance(Sampler):
 
     # Sub-chains are made as long as the surrogate's posterior forgets in.
     needed_length: ClassVar[float] = 5.0
+    exact: ClassVar[bool] = True
+
+    @property
+    def proposal_model(self) -> Model | None:
+        """The surrogate; None where a bare density proposes."""
+        return self.approximation if isinstance(self.approximation, Model) else None
+
+    def proposing_by(self, surrogate: Model) -> DelayedAcceptance:
+        """Return these settings with a surrogate that proposes; see `Sampler.proposing_by`.
+
+        Parameters
+        ----------
+        surrogate : Model
+            Of the model that is sampled.
+
+        Returns
+        -------
+        DelayedAcceptance
+            The settings, complete.
+        """
+        return replace(self, approximation=surrogate)
 
     def __post_init__(self) -> None:
         for name, least in (
@@ -422,8 +443,7 @@ def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tu
     density = np.full(moved.shape, -np.inf)
     # An external solver is spared the runs of sub-chains that went nowhere; batches of a built-in one stay of one size, since
     # each size is compiled.
-    external = isinstance(target, Posterior) and not isinstance(target.model, JaxModel)
-    rows = moved if external else np.ones_like(moved)
+    rows = moved if target.costs_runs else np.ones_like(moved)
     if not rows.any():
         return density, 0, 0
     density[rows], failed = target.evaluate(proposal[rows])

@@ -62,6 +62,8 @@ class NUTS(Sampler):
 
     discard = 0.0  # no field: the warm-up is apart
     needed_length: ClassVar[float] = 50.0
+    needs_derivatives: ClassVar[bool] = True
+    interacting: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for name, least in (("steps", 2), ("chains", 1), ("warm_up", 50), ("deepest", 1)):

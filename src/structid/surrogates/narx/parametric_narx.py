@@ -14,10 +14,12 @@ import scipy.ndimage
 from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
 from structid.surrogates.chaos.pce import ChaosExpansion
-from structid.surrogates.face import Fit, Surrogate
+from structid.surrogates.face import Surrogate
+from structid.surrogates.fit import Fit
 from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.narx.recursion import Recursion
@@ -221,6 +223,11 @@ class ParametricNARX(Surrogate):
         """What each coefficient belongs to."""
         return self.recursion.names
 
+    @property
+    def structure_in_words(self) -> list[tuple[str, str]]:
+        """The terms."""
+        return [("terms", ", ".join(self.terms))]
+
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse an excitation of another kind or step.
 
@@ -263,17 +270,15 @@ class ParametricNARX(Surrogate):
                 stacklevel=3,
             )
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
         """Respond inside JAX by the free run of the recursion.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
-            Its kind, step and lead-in.
-        stages : jax.Array, shape (time − 1, 1, 3)
-            Its values.
+        excitation : TracedExcitation
+            Of the kind and step it was trained with.
 
         Returns
         -------
@@ -282,9 +287,8 @@ class ParametricNARX(Surrogate):
         """
         from structid.device import jnp
 
-        self.check_excitation(excitation)
         scales = self.recursion.scales
-        x = input_signals(stages) / np.array([scales[x] for x in self.recursion.inputs])
+        x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         bound = PREDICTION_BOUND * self.largest
         coefficients = self.coefficients.predict(self.held_inside(theta)).T
         scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
@@ -370,14 +374,14 @@ class ParametricNARX(Surrogate):
         """
         return local_size(values) * self.spread
 
-    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
-        """Variance of the surrogate's error, averaged over time; see `JaxModel.error_variance`.
+    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
+        excitation : TracedExcitation
             What drives it.
         values : jax.Array, shape (time, channel, run)
             The response there.

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from structid.channels import base_channel
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
-from structid.histories import base_channel
 from structid.models.face import Progress
 from structid.runs import Runs
 from structid.surrogates.chaos.lars import least_angle_order, orthogonal_order

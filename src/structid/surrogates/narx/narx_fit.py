@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.models.face import Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.space import Design
 from structid.runs import Runs
 from structid.surrogates.chaos.pce import PCE, ChaosExpansion
 from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices
-from structid.surrogates.face import (
+from structid.surrogates.fit import (
     FEWEST_RUNS,
     Fit,
     Stopwatch,
@@ -26,6 +23,7 @@ from structid.surrogates.face import (
 )
 from structid.surrogates.kriging.predictor import Kriging
 from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
+from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.structure import (
     FIRST_SHAPES,
     Experiments,
@@ -39,9 +37,6 @@ from structid.surrogates.narx.structure import (
 )
 from structid.surrogates.narx.training import FreeRun, TrainingSet, refined_coefficients, robust_loss, train_free_run
 from structid.surrogates.progress import Stages
-
-if TYPE_CHECKING:
-    from structid.surrogates.narx.settings import NARXSettings
 
 TRAINING_BOUND = 2.0
 """While training, outputs are kept within so many times the largest one seen."""
@@ -63,57 +58,6 @@ HORIZON_STEPS = 4
 
 STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
 """Stages of a fit, and their share of its time."""
-
-
-def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the runs that are held out.
-
-    Parameters
-    ----------
-    runs : int
-        How many there are.
-    share : float
-        Share of them that is held out.
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    tuple of ndarray of int
-        Rows to fit to, and rows held out.
-    """
-    count = round(share * runs)
-    order = np.random.default_rng(seed).permutation(runs)
-    return np.sort(order[count:]), np.sort(order[:count])
-
-
-def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that runs determine coefficients that are chaos expansions of a degree.
-
-    Parameters
-    ----------
-    kind : str
-        The surrogate, for the message.
-    space : ParameterSpace
-        The parameters.
-    degree : int
-        Of the expansions.
-    runs : int
-        Runs they are fitted to.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two for each chaos term.
-    """
-    terms = math.comb(space.dimension + degree, degree)
-    if terms > max(runs // 2, 1):
-        raise InputError(
-            f"{kind}.fit",
-            f"{runs} runs (those held out apart) for coefficients of {terms} chaos terms (degree {degree})",
-            f"{2 * terms} runs or more",
-            "Lower the degree.",
-        )
 
 
 class NARXFit:
