@@ -55,7 +55,7 @@ class LoopLines:
         matplotlib.figure.Figure
             The figure.
         """
-        from structid.figures import response
+        from structid.figures import loops
 
         u, f = self.displacement * 1e3, self.force * 1e-3
         end = np.abs(u).max()
@@ -67,7 +67,7 @@ class LoopLines:
             x = side * np.array([0.3, 1.0]) * end
             text = f"final, {self.final_stiffness * 1e-6:.3g} kN/mm (α = {self.alpha:.3g})"
             lines.append((x, side * self.yield_force * 1e-3 + x * self.final_stiffness * 1e-6, text))
-        return response.two_lines(u, f, lines, save=save)
+        return loops.two_lines(u, f, lines, save=save)
 
 
 def two_lines(displacement: np.ndarray, force: np.ndarray, elastic: float = 0.1, yielded: float = 0.75) -> LoopLines:

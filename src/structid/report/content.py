@@ -14,6 +14,7 @@ from structid.calibration.calibration_result import CalibrationResult
 from structid.channels import standard_unit
 from structid.errors import InputError
 from structid.figures import calibration as calibration_figures
+from structid.figures import loops as loop_figures
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
@@ -346,7 +347,7 @@ class ReportContent:
         known = None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3)
         caption = "Hysteresis loops at the MAP estimate and at posterior draws (thin)"
         caption += "." if truth is None else ", against the virtual experiment's, which the calibration has not seen."
-        response_figures.loops(
+        loop_figures.loops(
             known,
             (loops[0, :, 0] * 1e3, loops[0, :, 1] * 1e-3),
             save=folder / self._add("response", f"loops{self._suffix(index)}", caption),
@@ -430,7 +431,7 @@ class ReportContent:
             name: self.posterior.predict(self._with_rest(s.best.theta)[None])[0, :, 0] / factor(unit)
             for name, s in self.searches.items()
         }
-        response_figures.identified(
+        loop_figures.identified(
             observation.record.time,
             observation.values[:, 0] / factor(unit),
             predictions,
