@@ -1,4 +1,7 @@
-"""The deterministic misfit J(θ), its gradient, and the Gauss-Newton approximation of its Hessian."""
+"""The deterministic misfit J(θ), its gradient, and the Gauss-Newton approximation of its Hessian.
+
+Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
