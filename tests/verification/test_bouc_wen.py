@@ -225,10 +225,10 @@ def test_reverse_mode_is_finite_from_the_initial_state(short_record, exponent):
     """The derivative of |z|^(n−1) z at z = 0, where every history starts, is NaN by naive differentiation."""
     free = ("stiffness", "alpha", "beta", "gamma", "exponent")
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=free, **PINCHING, delta_nu=2.43, delta_eta=6.5)
-    stages = short_record.stage_values(3)
+    excitation = model.traced(short_record)
 
     def energy(theta):
-        return (model.response(theta[None], short_record, stages)[0] ** 2).sum()
+        return (model.response(theta[None], excitation)[0] ** 2).sum()
 
     theta = jax.numpy.array([7.6e6, 0.05, 63.0, 30.0, exponent])
     reverse, forward = jax.grad(energy)(theta), jax.jacfwd(energy)(theta)
@@ -360,6 +360,6 @@ def test_every_parameter_may_be_free(short_record, name):
     fixed = si.BoucWen(**values).simulate(NOTHING_FREE, short_record).values
     free = si.BoucWen(**{k: v for k, v in values.items() if k != name}, free=(name,))
     np.testing.assert_allclose(free.simulate([[values[name]]], short_record).values, fixed, rtol=1e-7, atol=1e-9)
-    stages = short_record.stage_values(3)
-    slope = jax.jacfwd(lambda t: free.response(t[None], short_record, stages)[0])(jax.numpy.array([values[name]]))
+    excitation = free.traced(short_record)
+    slope = jax.jacfwd(lambda t: free.response(t[None], excitation)[0])(jax.numpy.array([values[name]]))
     assert np.isfinite(slope).all()
