@@ -29,14 +29,16 @@ from structid.journal import Journal, digest
 from structid.models.face import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
+from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.pod.pod_kriging import PODKriging
 from structid.surrogates.registry import load_surrogate
 
+SCHEMA = 4
+"""Version of the rounds on disk, and of the random streams that lead on from them."""
+
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
-
-_PURPOSE = {"design": 1, "exploring": 2, "batch": 3, "sampling": 4}
 
 Tell = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and of how much."""
@@ -222,6 +224,7 @@ class _Loop:
     @property
     def _identity(self) -> dict[str, Any]:
         return {
+            "schema": SCHEMA,
             "posterior": self.posterior.content_hash,
             "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
             "plan": digest(self.plan.describe()),
@@ -311,9 +314,9 @@ class _Loop:
     def _batch(self, number: int, surrogate: Surrogate, under: Posterior, final: bool) -> Batch:
         blocks: list[Block] = []
         told = self._told("exploring its posterior")
-        seed = _seed(self.seed, "exploring", number)
+        seed = derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
-        rng = np.random.default_rng(_seed(self.seed, "batch", number))
+        rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
         if not final:
             return next_batch(under, surrogate, blocks, self.points, self.plan.batch, rng)
         fresh = fresh_draws(under, blocks[-1], self.plan.certificate, rng)
@@ -365,7 +368,7 @@ class _Loop:
     ) -> CalibrationResult:
         assert certificate is not None
         chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
-        seed, sampler = _seed(self.seed, "sampling", 0), self.sampler
+        seed, sampler = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self.sampler
         if sampler.exact:  # draws of the model's own posterior, whatever the certificate says
             sampler = sampler.proposing_by(surrogate)
             with run_map(self.posterior.model, self.executor) as map_of_runs:
@@ -382,10 +385,6 @@ class _Loop:
                 self.progress(what, done, total)
 
         return tell
-
-
-def _seed(seed: int, purpose: str, number: int) -> int:
-    return int(np.random.SeedSequence([seed, _PURPOSE[purpose], number]).generate_state(1)[0])
 
 
 def _entry(batch: Batch, final: bool) -> dict[str, np.ndarray]:

@@ -12,6 +12,7 @@ import scipy.signal
 import scipy.stats
 
 from structid.errors import InputError
+from structid.streams import Purpose, stream
 from structid.units import STANDARD_GRAVITY
 
 CORNER_FREQUENCY = 0.1
@@ -141,7 +142,7 @@ def stochastic_acceleration(
             f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
             "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
         )
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x6772_6F75]))
+    rng = stream(seed, Purpose.RECORD)
     time = np.arange(samples) * dt
     filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)
     motion = modulating_function(time, arias, duration, middle) * filtered_noise(

@@ -10,9 +10,15 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from structid.errors import InputError, check_choice
+from structid.streams import Purpose, stream
 
-METHODS = ("latin_hypercube", "maximin", "sobol", "random")
-"""Names of the methods."""
+METHODS = {
+    "latin_hypercube": Purpose.LATIN_HYPERCUBE,
+    "maximin": Purpose.MAXIMIN,
+    "sobol": Purpose.SOBOL,
+    "random": Purpose.RANDOM_DESIGN,
+}
+"""Names of the methods, and the random stream of each."""
 
 
 def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarray:
@@ -35,7 +41,7 @@ def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarra
     check_choice("sample: method", method, METHODS)
     if count < 1:
         raise InputError("sample: count", f"{count}", "1 or more")
-    rng = np.random.default_rng(np.random.SeedSequence([seed, METHODS.index(method)]))
+    rng = stream(seed, METHODS[method])
     if method == "random":
         points = rng.random((count, dimension))
     elif method == "sobol":

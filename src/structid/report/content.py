@@ -25,6 +25,7 @@ from structid.inference.sampling_result import SamplingResult, Summary
 from structid.models.face import Model
 from structid.optimize.minima import OptimizeResult
 from structid.runs import Runs
+from structid.streams import Purpose, derived_seed
 from structid.surrogates.face import Surrogate
 from structid.units import factor
 
@@ -368,7 +369,7 @@ class ReportContent:
         factors, names = space.factors, space.names
         units = list(space.units.values())
         draws = result.thinned(20_000) / factors
-        prior = space.sample(4000, seed=result.seed).values / factors
+        prior = space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors
         supports = [tuple(b / f) for b, f in zip(space.bounds, factors, strict=True)]
         best = result.map_estimate / factors
         truth = {n: v / factors[names.index(n)] for n, v in self.true_values.items()}

@@ -34,6 +34,7 @@ from structid.probability import marginals
 from structid.probability.expressions import parse_expression
 from structid.probability.space import Design, ParameterSpace
 from structid.probability.truncation import Marginal
+from structid.streams import Purpose, stream
 from structid.study.external import external_model
 from structid.study.schema import (
     CalibrationSection,
@@ -293,7 +294,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     for index, section in enumerate(file.observation):
         where = "observation" if len(file.observation) == 1 else f"observation.{index}"
         own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
-        observation, truth = _observation(section, own, folder, where, file.seed + index)
+        observation, truth = _observation(section, own, folder, where, file.seed, index)
         observations.append(observation)
         truths.append(truth)
     posterior = None
@@ -597,7 +598,7 @@ def _frame_parameters(storeys: int) -> set[str]:
 
 
 def _observation(
-    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int
+    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, index: int
 ) -> tuple[Observation, Model | None]:
     if (section.file is None) == (section.virtual is None):
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
@@ -609,7 +610,7 @@ def _observation(
         if (prior := getattr(section, name)) is not None
     }
     if section.virtual is not None:
-        truth, values = _virtual_experiment(section.virtual, record, section.channels, seed)
+        truth, values = _virtual_experiment(section.virtual, record, section.channels, seed, index)
         return Observation(record, values, section.channels, name=where, **nuisances), truth
     assert section.file is not None
     if len(section.channels) != 1:
@@ -631,7 +632,7 @@ def _observation(
 
 
 def _virtual_experiment(
-    section: VirtualSection, record: GroundMotion, channels: tuple[str, ...], seed: int
+    section: VirtualSection, record: GroundMotion, channels: tuple[str, ...], seed: int, index: int
 ) -> tuple[Model, np.ndarray]:
     """Simulate the true model and add white noise of a fraction of each channel's RMS."""
     given = {k: v for k, v in section.model.model_dump(exclude={"type"}).items() if v is not None}
@@ -642,7 +643,8 @@ def _virtual_experiment(
             "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
         )
     values = run.values[0]
-    rng = np.random.default_rng(np.random.SeedSequence([seed if section.seed is None else section.seed, 0x6E6F6973]))
+    own = (seed, index) if section.seed is None else (section.seed, 0)
+    rng = stream(own[0], Purpose.VIRTUAL_NOISE, own[1])
     rms = np.sqrt((values**2).mean(axis=0))
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 

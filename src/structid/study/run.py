@@ -31,6 +31,7 @@ from structid.optimize.minima import Minimum, OptimizeResult
 from structid.report.content import ReportContent
 from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs
+from structid.streams import Purpose, derived_seed
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
 from structid.study.surrogate import fitted_surrogate, surrogate_settings
@@ -50,7 +51,6 @@ IDENTITY = "identity.json"
 _STUDY, _TIMINGS, _INPUTS = "study.toml", "timings.json", "inputs"
 _CHAINS, _SCRATCH = "chains.h5", "scratch"
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
-_VALIDATION_STREAM = 0x76616C
 
 
 @contextmanager
@@ -353,7 +353,7 @@ def _surrogate(
         surrogate = fitted_surrogate(section, runs, folder / _SURROGATE, progress)
     if surrogate.validation is None:
         # A stream of its own: the design may be a random one of the same seed.
-        seed = int(np.random.SeedSequence([study.file.seed, _VALIDATION_STREAM]).generate_state(1)[0])
+        seed = derived_seed(study.file.seed, Purpose.VALIDATION_DESIGN)
         design = study.space.sample(study.validation_runs, seed, "random")
         campaign = Campaign(study.model, study.campaign_records, design, folder / _VALIDATION, assignment="cycle")
         with stage("true runs to validate it") as progress, timings.measured("true runs to validate it", goes_on=True):

@@ -27,6 +27,7 @@ from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 from structid.journal import digest
 from structid.models.face import Model, Progress
+from structid.streams import Purpose, stream
 from structid.units import label
 
 if TYPE_CHECKING:
@@ -40,8 +41,6 @@ ENOUGH_REPLICAS = 100
 """Fewer replicas see gross mistakes alone."""
 FEWEST_REPLICAS = 20
 """Fewer replicas tell nothing of a distribution."""
-
-_STREAM = {"truth": 41, "noise": 42}
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +93,7 @@ class Ranks:
             Replicas in each.
         """
         # Ranks are whole numbers: jittered within theirs, bins that do not divide them have equal probability.
-        rng = np.random.default_rng(0)
+        rng = stream(0, Purpose.RANK_JITTER)
         place = (self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1)
         return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in place.T])
 
@@ -236,7 +235,7 @@ def _simulated(
     posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """True parameters, and what each observation would have shown, (replica, time, channel)."""
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["truth"]]))
+    rng = stream(seed, Purpose.REPLICA_TRUTH)
     source = posterior if simulator is None else posterior.on(simulator)
     truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)
     for attempt in range(10):
@@ -251,7 +250,7 @@ def _simulated(
     else:
         raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
     truth, values = truth[:replicas], [v[:replicas] for v in values]
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["noise"]]))
+    rng = stream(seed, Purpose.REPLICA_NOISE)
     law = posterior.discrepancy if noise is None else noise
     for index, observation in enumerate(posterior.observations):
         unknown, dt = posterior.unknowns(truth, index), observation.record.dt

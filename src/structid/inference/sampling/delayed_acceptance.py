@@ -15,10 +15,11 @@ import numpy as np
 from structid.errors import ConvergenceError, InputError
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
-from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
+from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.starting import tempered_draws
 from structid.inference.target import Target
 from structid.models.face import Model, Progress
+from structid.streams import Purpose, stream
 
 START_TRIES = 5
 """Rounds of looking for starting points at which the model itself has a density."""
@@ -29,8 +30,6 @@ PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
 leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
 DECORRELATED = 0.2
 """Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
-
-_PURPOSE = {"start": 21, "steps": 22}
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +197,7 @@ class DelayedAcceptance(Sampler):
             keep(0, blocks[0])
         law = self._learnt_law(blocks)
         for number in range(len(blocks), self.steps):
-            rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
+            rng, last = stream(seed, Purpose.DELAYED_ACCEPTANCE_STEPS, number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
             plain_every = int(last["plain_every"][-1])
             if number >= self.tuning and number % plain_every == plain_every - 1:
@@ -257,7 +256,7 @@ class DelayedAcceptance(Sampler):
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
     ) -> tuple[TwoStageState, int, int]:
         """Starting points at which both densities are finite; true runs they took, and how many failed."""
-        rng = stream(seed, _PURPOSE["start"], 0)
+        rng = stream(seed, Purpose.DELAYED_ACCEPTANCE_START, 0)
         if points is None:
             candidates = tempered_draws(proposing, seed)
         else:

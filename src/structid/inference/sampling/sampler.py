@@ -260,26 +260,6 @@ def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
     return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
 
 
-def stream(seed: int, purpose: int, index: int) -> np.random.Generator:
-    """Random numbers of one block of one sampler.
-
-    Parameters
-    ----------
-    seed : int
-        The run's.
-    purpose : int
-        What they are for; another number for everything that draws.
-    index : int
-        The block's.
-
-    Returns
-    -------
-    numpy.random.Generator
-        The same for the same three.
-    """
-    return np.random.default_rng(np.random.SeedSequence([seed, purpose, index]))
-
-
 def block_lengths(steps: int) -> Iterator[int]:
     """Lengths of the blocks a run is made of.
 

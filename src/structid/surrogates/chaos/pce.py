@@ -15,6 +15,7 @@ import numpy as np
 from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
+from structid.streams import Purpose, stream
 from structid.surrogates.chaos.lars import SparseFit, SparseRegression, least_squares, nested_least_squares
 from structid.surrogates.chaos.polynomials import PolynomialBasis, by_degree, check_points, multi_indices
 from structid.surrogates.chaos.shrinkage import fit_shrunk
@@ -378,7 +379,7 @@ class ChaosExpansion:
                 "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
                 "Its terms are more than the runs: least squares does not determine them.",
             )  # fmt: skip
-        rng = np.random.default_rng(seed)
+        rng = stream(seed, Purpose.BOOTSTRAP)
         columns = self.basis.evaluate(self.theta)
         found = np.zeros((replicates, *self.coefficients.shape))
         for r in range(replicates):

@@ -20,6 +20,7 @@ from scipy.stats import qmc
 from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
+from structid.streams import Purpose, stream
 from structid.surrogates.chaos.pce import PCE, check_training
 from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices, namespace
 from structid.surrogates.kriging.correlations import FAMILIES, correlation
@@ -179,7 +180,7 @@ class Kriging:
         data = _Data((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = _Objective(data, self.correlation, separable, self.nugget, self.estimation)
         if known is None:
-            best = _search(objective, data, self.starts, np.random.default_rng(self.seed), tell)
+            best = _search(objective, data, self.starts, stream(self.seed, Purpose.KRIGING_SEARCH), tell)
         else:
             nugget = [np.log(known.factors.nugget)] * (self.nugget == "estimate")
             best = _refined(objective, np.append(np.log(known.lengths / scale), nugget), tell)

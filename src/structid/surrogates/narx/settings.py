@@ -17,6 +17,7 @@ from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.keys import Seconds
 from structid.probability.space import Design, ParameterSpace
+from structid.streams import Purpose, stream
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
 from structid.surrogates.narx.structure import Signals, structure_of
 from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
@@ -150,7 +151,7 @@ def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.nd
         Rows to fit to, and rows held out.
     """
     count = round(share * runs)
-    order = np.random.default_rng(seed).permutation(runs)
+    order = stream(seed, Purpose.HELD_OUT_RUNS).permutation(runs)
     return np.sort(order[count:]), np.sort(order[:count])
 
 
