@@ -13,7 +13,7 @@ from structid.runs import Runs
 from structid.study.schema import SurrogateSection
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.face import Surrogate
-from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.settings import PCNARX, KrigingNARX
 from structid.surrogates.pod.response_space import PODPCE, PODKriging
 from structid.surrogates.storage import load_surrogate

@@ -18,7 +18,7 @@ from structid.journal import digest
 from structid.models.face import JaxModel, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
-from structid.surrogates.chaos.polynomials import namespace
+from structid.surrogates.array_module import namespace
 from structid.surrogates.validation import Validation, validate
 
 FEWEST_RUNS = 10

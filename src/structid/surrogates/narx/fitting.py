@@ -12,8 +12,10 @@ from structid.errors import InputError
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
-from structid.surrogates.chaos.pce import PCE, ChaosExpansion
-from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.chaos.multi_indices import multi_indices
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.face import (
     FEWEST_RUNS,
     Fit,
@@ -24,7 +26,7 @@ from structid.surrogates.face import (
     fitting_runs,
     run_digests,
 )
-from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
 from structid.surrogates.narx.structure import (
     FIRST_SHAPES,

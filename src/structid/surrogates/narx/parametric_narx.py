@@ -16,7 +16,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.chaos.pce import ChaosExpansion
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.face import Fit, Surrogate
 from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under

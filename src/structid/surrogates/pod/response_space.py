@@ -13,7 +13,8 @@ from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress, response_key
 from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.chaos.pce import PCE, ChaosExpansion
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.face import (
     Fit,
     Stopwatch,
@@ -24,7 +25,8 @@ from structid.surrogates.face import (
     fitting_runs,
     run_digests,
 )
-from structid.surrogates.kriging.predictor import Kriging, KrigingPredictor
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.progress import Stages
 
