@@ -48,7 +48,7 @@ _PUBLIC = {
     "Uniform": "probability.marginals",
     "Weibull": "probability.marginals",
     "KrigingNARX": "surrogates.narx.kriging_narx",
-    "Kriging": "surrogates.kriging.predictor",
+    "Kriging": "surrogates.kriging.universal_kriging",
     "Matern32": "inference.likelihood.correlated",
     "NARX": "surrogates.narx.narx",
     "NUTS": "inference.sampling.gradient",

@@ -22,7 +22,7 @@ from structid.models.traceable import TraceableModel
 from structid.probability.space import Design
 from structid.runs import Runs
 from structid.surrogates import storage
-from structid.surrogates.chaos.polynomials import namespace
+from structid.surrogates.array_module import namespace
 from structid.surrogates.fit import Fit, run_digests
 from structid.surrogates.validation import Validation, validate
 

@@ -16,7 +16,7 @@ from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import Fit
 from structid.surrogates.validation import Validation
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the layout."""
 
 CONTENT = "structid surrogate"
@@ -117,8 +117,14 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
     with file:
         if file.attrs.get("content") != CONTENT:
             raise InputError(where, "an HDF5 file of something else", "a file that Surrogate.save wrote")
-        if int(file.attrs["schema"]) > SCHEMA:
-            raise InputError(where, f"layout {file.attrs['schema']}", f"{SCHEMA} or earlier", "Update structid.")
+        layout = int(file.attrs["schema"])
+        if layout != SCHEMA:
+            cure = (
+                "Update structid."
+                if layout > SCHEMA
+                else "It can be read with structid 0.1. Or fit it again to its runs."
+            )
+            raise InputError(where, f"a surrogate of layout {layout}", f"layout {SCHEMA}", cure)
         said = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
         arrays = _read_arrays(file["arrays"])

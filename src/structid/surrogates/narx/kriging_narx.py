@@ -15,7 +15,7 @@ from structid.models.face import Progress
 from structid.runs import Runs
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
-from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings

@@ -9,8 +9,10 @@ import numpy as np
 from structid.models.face import Progress
 from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.chaos.pce import PCE, ChaosExpansion
-from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.chaos.multi_indices import multi_indices
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.fit import (
     FEWEST_RUNS,
     Fit,
@@ -21,7 +23,7 @@ from structid.surrogates.fit import (
     fitting_runs,
     run_digests,
 )
-from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
 from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.structure import (

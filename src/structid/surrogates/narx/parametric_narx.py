@@ -17,15 +17,16 @@ from structid.histories import Histories
 from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.chaos.pce import ChaosExpansion
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
-from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.structure import Experiments, input_signals, training_set
 from structid.surrogates.narx.terms import Memory, Term
 from structid.surrogates.narx.training import FreeRun, refined_coefficients
+from structid.surrogates.regression import Regression
+from structid.surrogates.regressions import regression_from_plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -103,7 +104,7 @@ class Coefficients:
     ----------
     trend : ChaosExpansion
         All coefficients.
-    deviation : ChaosExpansion or KrigingPredictor, optional
+    deviation : Regression, optional
         Scaled deviations from the trend.
     varying : ndarray of int, optional
         Which coefficients deviate.
@@ -112,7 +113,7 @@ class Coefficients:
     """
 
     trend: ChaosExpansion
-    deviation: ChaosExpansion | KrigingPredictor | None = None
+    deviation: Regression | None = None
     varying: np.ndarray | None = None
     scale: np.ndarray | None = None
 
@@ -154,7 +155,7 @@ class Coefficients:
         found = put_under("trend", arrays)
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
-            said["deviation"] = [type(self.deviation).__name__, plain]
+            said["deviation"] = [self.deviation.word, plain]
             found |= put_under("deviation", arrays)
             found |= {"varying": self.varying, "scale": self.scale}
         return said, found
@@ -180,9 +181,8 @@ class Coefficients:
         trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
         if "deviation" not in plain:
             return cls(trend)
-        kind, said = plain["deviation"]
-        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
-        deviation = maker.from_plain(space, said, found_under("deviation", arrays))
+        word, said = plain["deviation"]
+        deviation = regression_from_plain(word, space, said, found_under("deviation", arrays))
         return cls(trend, deviation, arrays["varying"], arrays["scale"])
 
 

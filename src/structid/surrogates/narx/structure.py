@@ -16,8 +16,8 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.runs import Runs
+from structid.surrogates.array_module import namespace
 from structid.surrogates.chaos.lars import least_angle_order, orthogonal_order
-from structid.surrogates.chaos.polynomials import namespace
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import (
     Memory,

@@ -24,11 +24,12 @@ from structid.surrogates.fit import (
     run_digests,
 )
 from structid.surrogates.pod.principal_components import principal_components
-from structid.surrogates.pod.record_fit import Predictor, RecordFit
+from structid.surrogates.pod.record_fit import RecordFit
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 from structid.surrogates.progress import Stages
+from structid.surrogates.regression import Regression
 
-Regression = Callable[[str, Design, np.ndarray, Progress], Predictor]
+ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]
 """Fits the scores on the record of a content hash."""
 
 
@@ -75,7 +76,7 @@ def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None
 
 
 def fit_records(
-    settings: PODSettings, regression: Regression, runs: Runs, progress: Progress | None
+    settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None
 ) -> ResponseSpaceSurrogate:
     """Fit principal components and a regression of their scores on every record.
 
@@ -122,7 +123,7 @@ def _by_record(runs: Runs) -> dict[str, Runs]:
     return {hashes[i]: merged.on(int(i)) for i in np.unique(of_run)}
 
 
-def _fit_record(runs: Runs, regression: Regression, left_out_energy: float, progress: Progress) -> RecordFit:
+def _fit_record(runs: Runs, regression: ScoreRegression, left_out_energy: float, progress: Progress) -> RecordFit:
     record = runs.records[0]
     values = runs.values[:, : len(record)]
     scale = values.std(axis=(0, 1))

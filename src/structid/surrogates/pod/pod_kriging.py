@@ -15,7 +15,8 @@ from structid.runs import Runs
 from structid.surrogates.fit import OutsideRule
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
-from structid.surrogates.kriging.predictor import Kriging, KrigingPredictor
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.pod.pod_fit import check_runs, fit_records
 from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate

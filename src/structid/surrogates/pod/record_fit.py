@@ -6,10 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.surrogates.chaos.pce import ChaosExpansion
-from structid.surrogates.kriging.predictor import KrigingPredictor
-
-Predictor = ChaosExpansion | KrigingPredictor
+from structid.surrogates.regression import Regression
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +27,7 @@ class RecordFit:
         Standard deviation over the design of what the components leave out, scaled.
     scale : ndarray, shape (channel,)
         SI value of one scaled unit.
-    scores : ChaosExpansion or KrigingPredictor
+    scores : Regression
         c_k(θ).
     score_deviation : ndarray, shape (component,)
         Root mean square of the leave-one-out residuals of each score.
@@ -42,7 +39,7 @@ class RecordFit:
     modes: np.ndarray
     truncation: np.ndarray
     scale: np.ndarray
-    scores: Predictor
+    scores: Regression
     score_deviation: np.ndarray
 
     @property

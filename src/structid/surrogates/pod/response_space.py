@@ -11,13 +11,12 @@ from structid.device import jnp
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.traceable import TracedExcitation
-from structid.surrogates.chaos.pce import ChaosExpansion
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
-from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pod.record_fit import RecordFit
 from structid.surrogates.pod.score_shortcut import ScoreShortcut, nearest_scores
+from structid.surrogates.regressions import regression_from_plain
 
 
 class ResponseSpaceSurrogate(Surrogate):
@@ -159,12 +158,10 @@ class ResponseSpaceSurrogate(Surrogate):
         tuple of jax.Array, shape (run, component)
             Means and standard deviations.
         """
-        inside = self.held_inside(theta)
-        if isinstance(fit.scores, KrigingPredictor):
-            scores, deviation = fit.scores.predict(inside, return_std=True)
-            return scores, deviation
-        scores = fit.scores.predict(inside)
-        return scores, jnp.broadcast_to(jnp.asarray(fit.score_deviation), scores.shape)
+        scores, deviation = fit.scores.predict_with_deviation(self.held_inside(theta))
+        if deviation is None:
+            deviation = jnp.broadcast_to(jnp.asarray(fit.score_deviation), scores.shape)
+        return scores, deviation
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.
@@ -185,9 +182,8 @@ class ResponseSpaceSurrogate(Surrogate):
         """
         self.check_excitation(excitation)
         fit = self.records[excitation.content_hash]
-        if isinstance(fit.scores, KrigingPredictor):
-            deviation = fit.scores.predict(self.held_inside(np.asarray(theta, dtype=np.float64)), return_std=True)[1]
-        else:
+        deviation = fit.scores.deviation(self.held_inside(np.asarray(theta, dtype=np.float64)))
+        if deviation is None:
             deviation = np.tile(fit.score_deviation, (len(theta), 1))
         variance = deviation**2 @ fit.modes**2 + fit.truncation**2
         return np.asarray(np.sqrt(variance).reshape(values.shape) * fit.scale)
@@ -205,7 +201,8 @@ class ResponseSpaceSurrogate(Surrogate):
         for number, (content_hash, fit) in enumerate(self.records.items()):
             scores_plain, scores_arrays = fit.scores.to_plain()
             plain[str(number)] = {
-                "hash": content_hash, "name": fit.name, "samples": fit.samples, "scores": scores_plain,
+                "hash": content_hash, "name": fit.name, "samples": fit.samples, "regression": fit.scores.word,
+                "scores": scores_plain,
             }  # fmt: skip
             own = {
                 "mean": fit.mean, "modes": fit.modes, "truncation": fit.truncation, "scale": fit.scale,
@@ -232,13 +229,12 @@ class ResponseSpaceSurrogate(Surrogate):
         ResponseSpaceSurrogate
             The same surrogate.
         """
-        kind = KrigingPredictor if fit.kind == "PODKriging" else ChaosExpansion
         records = {}
         for number, said in plain.items():
             own = found_under(number, arrays)
             scores = found_under("scores", own)
             records[said["hash"]] = RecordFit(
                 said["name"], said["samples"], own["mean"], own["modes"], own["truncation"], own["scale"],
-                kind.from_plain(fit.space, said["scores"], scores), own["score_deviation"],
+                regression_from_plain(said["regression"], fit.space, said["scores"], scores), own["score_deviation"],
             )  # fmt: skip
         return cls(fit, records)
