@@ -43,6 +43,7 @@ def test_runs_then_a_calibration_then_the_page_again(folder):
     assert report_again(folder / "out").report.read_text().count("<figure>") == page.count("<figure>")
 
 
+@pytest.mark.rendered
 def test_a_study_of_runs_alone(folder):
     done = structid("run", "runs.toml", "--out", "out", "--executor", "processes:2", cwd=folder)
     assert done.returncode == 0, done.stderr

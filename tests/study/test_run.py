@@ -71,6 +71,7 @@ def load_small(tmp_path):
     return load(tmp_path / "s.toml").record
 
 
+@pytest.mark.rendered
 def test_run_report_resume_and_refusals(small, tmp_path):
     done = structid("run", small, "--out", "out", cwd=tmp_path)
     assert done.returncode == 3, done.stderr + done.stdout  # eighty steps do not converge, and it says so

@@ -323,6 +323,7 @@ def test_correlated_and_derived_parameters_and_records_of_different_lengths(reco
         assert surrogate.validate(unseen).mean < 2e-3 and len(surrogate.validation.errors) == 40
 
 
+@pytest.mark.rendered
 def test_a_validation_figure(fitted, unseen, tmp_path):
     fitted["PCNARX"].validate(unseen).plot(save=tmp_path / "validation")
     assert (tmp_path / "validation.png").stat().st_size > 20_000 and (tmp_path / "validation.pdf").is_file()
@@ -339,6 +340,7 @@ def test_a_record_that_is_there_twice_is_one(runs, record):
     )
 
 
+@pytest.mark.rendered
 def test_a_figure_of_coefficients(fitted, unseen, tmp_path):
     fitted["PCNARX"].plot_coefficients(unseen, save=tmp_path / "coefficients")
     assert (tmp_path / "coefficients.png").stat().st_size > 20_000
