@@ -16,16 +16,16 @@ SHARED = Path(os.environ.get("STRUCTID_SHARED", Path(__file__).parents[2] / "sha
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _pictures():
+def pictures():
     """Figures are composed in every test, and made into pictures only in those marked `rendered`."""
     with pytest.MonkeyPatch.context() as patch:
         yield Pictures(patch)
 
 
 @pytest.fixture(autouse=True)
-def _rendered(request: pytest.FixtureRequest, _pictures: Pictures):
+def _rendered(request: pytest.FixtureRequest, pictures: Pictures):
     marker = request.node.get_closest_marker("rendered")
-    with _pictures.rendering(marker.args if marker else None):
+    with pictures.rendering(marker.args if marker else None):
         yield
 
 

@@ -12,7 +12,8 @@ import sys, math, umbridge
 class Wave(umbridge.Model):
     def __init__(self): super().__init__("wave")
     def get_input_sizes(self, config): return [1, 1]
-    def get_output_sizes(self, config): return [len(config["record"]["values"]) if "record" in config else config.get("samples", 400)]
+    def get_output_sizes(self, config):
+        return [len(config["record"]["values"]) if "record" in config else config.get("samples", 400)]
     def __call__(self, parameters, config):
         (a,), (b,) = parameters
         if a > 5: raise RuntimeError("too large")
