@@ -10,8 +10,23 @@ import pytest
 
 import structid as si
 from oscillators import DEGRADING
+from pictures import Pictures
 
 SHARED = Path(os.environ.get("STRUCTID_SHARED", Path(__file__).parents[2] / "shared"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def pictures():
+    """Figures are composed in every test, and made into pictures only in those marked `rendered`."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield Pictures(patch)
+
+
+@pytest.fixture(autouse=True)
+def _rendered(request: pytest.FixtureRequest, pictures: Pictures):
+    marker = request.node.get_closest_marker("rendered")
+    with pictures.rendering(marker.args if marker else None):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -29,7 +29,7 @@ def dask_client():
     return cluster, distributed.Client(cluster, set_as_default=False)
 
 
-@pytest.fixture(params=["serial", "processes", "processes:3", "threads", "a process pool", "dask"])
+@pytest.fixture(scope="module", params=["serial", "processes", "processes:3", "threads", "a process pool", "dask"])
 def executor(request):
     match request.param:
         case "threads":

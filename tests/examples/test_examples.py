@@ -40,6 +40,7 @@ def test_no_example_is_forgotten():
     assert {p.name for p in EXAMPLES.iterdir() if p.is_dir() and p.name != "__pycache__"} == FOLDERS
 
 
+@pytest.mark.rendered
 @pytest.mark.parametrize(("name", "limit"), [("FD_PG1_Almeida2012.csv", 0.10), ("FD_T11_Faella1992.csv", 0.12)])
 def test_a_cyclic_test_is_fitted_in_displacement_driven_mode(shared_data, tmp_path, name, limit, capsys):
     unexplained = imported("cyclic_test").main(shared_data / "hysteresis" / name, tmp_path / "loops")
@@ -61,6 +62,7 @@ def test_the_readme_script_runs(tmp_path, monkeypatch):
     assert not result.verdict().converged  # sixty steps: it says so
 
 
+@pytest.mark.rendered
 def test_the_linear_limit_matches_duhamel(tmp_path):
     assert imported("linear_limit").main(tmp_path / "linear") < 2e-4
     assert (tmp_path / "linear.png").stat().st_size > 10_000

@@ -30,6 +30,7 @@ def test_powers_of_ten(size, factor, unit):
     assert found[0] == pytest.approx(factor) and found[1] == unit
 
 
+@pytest.mark.rendered
 def test_the_callers_style_is_left_alone(tmp_path):
     before = dict(matplotlib.rcParams)
 

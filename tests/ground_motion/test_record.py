@@ -161,6 +161,7 @@ def test_bad_signals_are_stopped_at_the_door(values, dt):
         si.GroundMotion(values, dt)
 
 
+@pytest.mark.rendered
 def test_plots_are_saved_as_png_and_pdf(tmp_path, record):
     record.plot(tmp_path / "record")
     record.plot_filter(record.lowpass(5.0), tmp_path / "filter")

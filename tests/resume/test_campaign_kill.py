@@ -35,10 +35,10 @@ except StructidError as problem:
 """
 
 
-@pytest.fixture
-def campaign(tmp_path):
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
     """Starts the campaign in a process of its own; its runs are noted in a file."""
-    script = tmp_path / "campaign.py"
+    script = tmp_path_factory.mktemp("script") / "campaign.py"
     script.write_text(textwrap.dedent(SCRIPT))
 
     def start(store, log, executor="processes:2"):
@@ -62,10 +62,11 @@ def called(log):
     return log.read_text().splitlines() if log.exists() else []
 
 
-@pytest.fixture
-def undisturbed(campaign, tmp_path):
-    assert campaign(tmp_path / "calm.h5", tmp_path / "calm.log").wait(timeout=120) == 0
-    return si.open_runs(tmp_path / "calm.h5")
+@pytest.fixture(scope="module")
+def undisturbed(campaign, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("calm")
+    assert campaign(folder / "calm.h5", folder / "calm.log").wait(timeout=120) == 0
+    return si.open_runs(folder / "calm.h5")
 
 
 def assert_same_data(path, undisturbed):

@@ -1,14 +1,13 @@
 """UM-Bridge: our client and the official server, the official client and our server."""
 
-import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
 
 import solvers
 import structid as si
+from servers import free_port, served, serving_waves
 from structid.errors import Status
 from structid.solvers.um_bridge import ServedModel
 from studies import PLAIN, shortened
@@ -16,70 +15,28 @@ from studies import PLAIN, shortened
 RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")
 
 
-OFFICIAL_SERVER = """
-import sys, math, umbridge
-class Wave(umbridge.Model):
-    def __init__(self): super().__init__("wave")
-    def get_input_sizes(self, config): return [1, 1]
-    def get_output_sizes(self, config): return [config.get("samples", 400)]
-    def __call__(self, parameters, config):
-        (a,), (b,) = parameters
-        if a > 5: raise RuntimeError("too large")
-        return [[a * math.sin(b * 0.01 * i) for i in range(config.get("samples", 400))]]
-    def supports_evaluate(self): return True
-umbridge.serve_models([Wave()], int(sys.argv[1]))
-"""
-
-
-def free_port():
-    import socket
-
-    with socket.socket() as s:
-        s.bind(("127.0.0.1", 0))
-        return s.getsockname()[1]
-
-
-def served(arguments, port):
-    umbridge = pytest.importorskip("umbridge")
-    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    deadline = time.monotonic() + 90
-    while True:
-        try:
-            return process, umbridge.supported_models(f"http://127.0.0.1:{port}")
-        except Exception:
-            assert time.monotonic() < deadline and process.poll() is None
-            time.sleep(0.2)
-
-
-def test_our_client_runs_a_server_written_with_the_official_package(tmp_path):
-    script = tmp_path / "server.py"
-    script.write_text(OFFICIAL_SERVER)
-    port = free_port()
-    process, names = served([sys.executable, str(script), str(port)], port)
-    try:
-        assert names == ["wave"]
-        url = f"http://127.0.0.1:{port}"
-        model = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", time_limit=20.0)
-        theta = np.array([[1.5, 2.0], [9.0, 2.0], [0.5, 3.0]])
-        found = model.simulate(theta, RECORD)
-        np.testing.assert_allclose(found.values[0, :, 0], 1.5 * np.sin(2.0 * RECORD.time), rtol=1e-14)
-        assert found.status.tolist() == [Status.DONE, Status.FAILED, Status.DONE]
-        assert "did not answer" in found.reasons[1]
-        wrong = si.UMBridgeModel(url, ("a",), ("velocity",), "wave").simulate(theta[:1, :1], RECORD)
-        assert "takes 2 numbers, there are 1 parameters" in wrong.reasons[0]
-        short = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", {"samples": 300}).simulate(theta[:1], RECORD)
-        assert "300 rows" in short.reasons[0]
-        nobody = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "ripple").simulate(theta[:1], RECORD)
-        assert "ripple" in nobody.reasons[0]
-    finally:
-        process.kill()
-        process.wait()
+def test_our_client_runs_a_server_written_with_the_official_package():
+    pytest.importorskip("umbridge")
+    url = serving_waves()
+    model = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", time_limit=20.0)
+    theta = np.array([[1.5, 2.0], [9.0, 2.0], [0.5, 3.0]])
+    found = model.simulate(theta, RECORD)
+    np.testing.assert_allclose(found.values[0, :, 0], 1.5 * np.sin(2.0 * RECORD.time), rtol=1e-14)
+    assert found.status.tolist() == [Status.DONE, Status.FAILED, Status.DONE]
+    assert "did not answer" in found.reasons[1]
+    wrong = si.UMBridgeModel(url, ("a",), ("velocity",), "wave").simulate(theta[:1, :1], RECORD)
+    assert "takes 2 numbers, there are 1 parameters" in wrong.reasons[0]
+    short = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", {"samples": 300}).simulate(theta[:1], RECORD)
+    assert "300 rows" in short.reasons[0]
+    nobody = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "ripple").simulate(theta[:1], RECORD)
+    assert "ripple" in nobody.reasons[0]
 
 
 def test_the_official_client_reads_our_server(tmp_path, study_space):
 
     study = tmp_path / "study.toml"
     study.write_text(shortened(PLAIN, "9 s"))
+    pytest.importorskip("umbridge")
     port = free_port()
     command = [sys.executable, "-c", "from structid.cli import main; main()", "serve", str(study), "--port", str(port)]
     process, names = served(command, port)

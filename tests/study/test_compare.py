@@ -42,6 +42,7 @@ def studies(tmp_path_factory):
     return folder
 
 
+@pytest.mark.rendered("predictions_velocity")
 def test_the_study_that_degrades_wins_where_the_structure_does(studies):
     comparison, page = compare_studies([studies / "simple", studies / "degrading"], studies / "page")
     assert comparison.best.name == "degrading" and comparison.bayes_factor(comparison.classes[0])[0] < -100.0
@@ -72,6 +73,7 @@ def test_what_cannot_be_compared(studies, tmp_path):
         compare_studies([studies / "simple", tmp_path / "other"])
 
 
+@pytest.mark.rendered("sbc")
 def test_a_study_is_checked_by_simulation(tmp_path, monkeypatch, capsys):
     (tmp_path / "study.toml").write_text(plain("study"))
     arguments = ["structid", "sbc", str(tmp_path / "study.toml"), "--replicas", "20", "--out", str(tmp_path / "sbc")]

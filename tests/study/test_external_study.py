@@ -32,6 +32,7 @@ def folder(tmp_path):
 
 
 def test_runs_then_a_calibration_then_the_page_again(folder):
+    (folder / "study.toml").write_text(STUDY.replace("steps = 20", "steps = 8"))
     outcome = run_study(folder / "study.toml", folder / "out", executor="processes:2")
     assert outcome.runs.done.all() and len(outcome.runs) == 12
     assert outcome.result.draws.shape[-1] == 4
@@ -43,6 +44,7 @@ def test_runs_then_a_calibration_then_the_page_again(folder):
     assert report_again(folder / "out").report.read_text().count("<figure>") == page.count("<figure>")
 
 
+@pytest.mark.rendered
 def test_a_study_of_runs_alone(folder):
     done = structid("run", "runs.toml", "--out", "out", "--executor", "processes:2", cwd=folder)
     assert done.returncode == 0, done.stderr

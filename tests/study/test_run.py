@@ -71,8 +71,9 @@ def load_small(tmp_path):
     return load(tmp_path / "s.toml").record
 
 
-def test_run_report_resume_and_refusals(small, tmp_path):
-    done = structid("run", small, "--out", "out", cwd=tmp_path)
+def test_run_report_resume_and_refusals(small, tmp_path, pictures):
+    with pictures.rendering(()):  # here all of a page's figures are made into pictures, once
+        done = structid("run", small, "--out", "out", cwd=tmp_path)
     assert done.returncode == 3, done.stderr + done.stdout  # eighty steps do not converge, and it says so
     assert "NOT CONVERGED" in done.stdout and "Report:" in done.stdout and "stiffness [kN/mm]" in done.stdout
     out = tmp_path / "out"
@@ -94,6 +95,9 @@ def test_run_report_resume_and_refusals(small, tmp_path):
     }  # fmt: skip
     assert figures == {p.stem for p in (out / "figures").glob("*.pdf")}
     page = (out / "report.html").read_text()
+    assert all(
+        (out / "figures" / f"{name}.{kind}").stat().st_size > 5_000 for name in figures for kind in ("png", "pdf")
+    )
     assert page.count("data:image/png;base64,") == len(figures)
     assert "Not converged" in page and "http://" not in page.replace("http://www.w3.org", "")
     for part in ("R-hat", "Minima", "MAP", "versions", "Study file", "identifiability".capitalize()):

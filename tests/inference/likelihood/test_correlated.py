@@ -1,61 +1,14 @@
-"""Correlated discrepancies: the filter against the dense covariance, draws against their own law, posteriors that know them."""
+"""Correlated discrepancies beyond what every law keeps (`tests/seams`): determinants, gradients, posteriors that know them."""
 
 import numpy as np
 import pytest
-import scipy.stats
 
 import structid as si
 from structid.errors import InputError
 from structid.inference.likelihood.correlated import HUGE
 
-DT, SAMPLES = 0.05, 120
+DT = 0.05
 CHANNELS = ("velocity",)
-
-LAWS = {
-    "AR1": si.AR1(variance=2.0, white=0.3, correlation_time=0.4),
-    "Matern32": si.Matern32(variance=2.0, white=0.1, correlation_time=0.5),
-    "DampedCosine": si.DampedCosine(variance=2.0, white=0.1, frequency=1.5, damping=0.1),
-}
-
-
-def kernel(name, lag):
-    """The kernel as it is written in the literature."""
-    if name == "AR1":
-        return 2.0 * np.exp(-lag / 0.4)
-    if name == "Matern32":
-        scaled = np.sqrt(3.0) * lag / 0.5
-        return 2.0 * (1.0 + scaled) * np.exp(-scaled)
-    natural = 2.0 * np.pi * 1.5
-    eta, omega = 0.1 * natural, natural * np.sqrt(1.0 - 0.01)
-    return 2.0 * np.exp(-eta * lag) * (np.cos(omega * lag) + eta / omega * np.sin(omega * lag))
-
-
-def covariance(name):
-    time = np.arange(SAMPLES) * DT
-    white = LAWS[name].white + 1e-10 * 2.0
-    return kernel(name, np.abs(time[:, None] - time)) + white * np.eye(SAMPLES)
-
-
-@pytest.fixture(params=LAWS)
-def name(request):
-    return request.param
-
-
-@pytest.fixture(scope="module")
-def residual():
-    return np.random.default_rng(1).normal(size=(SAMPLES, 1, 3))
-
-
-def test_the_likelihood_is_that_of_the_dense_covariance(name, residual):
-    dense = scipy.stats.multivariate_normal(np.zeros(SAMPLES), covariance(name))
-    expected = [dense.logpdf(residual[:, 0, k]) for k in range(3)]
-    found = np.asarray(LAWS[name].log_likelihood(residual, {}, CHANNELS, DT))
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
-    pointwise = np.asarray(LAWS[name].pointwise(residual, {}, CHANNELS, DT))
-    np.testing.assert_allclose(pointwise.sum(axis=(0, 1)), expected, rtol=1e-9)
-    # Given the past: the density of the first samples alone is the sum of their terms.
-    first = scipy.stats.multivariate_normal(np.zeros(40), covariance(name)[:40, :40]).logpdf(residual[:40, 0, 0])
-    np.testing.assert_allclose(pointwise[:40, 0, 0].sum(), first, rtol=1e-9)
 
 
 def test_a_smooth_law_whose_determinant_no_float_holds():
@@ -76,23 +29,6 @@ def test_a_smooth_law_whose_determinant_no_float_holds():
     # σ² scales the covariance and its white floor alike: d log L/dσ² = −(T − Σ v²/S)/(2σ²).
     slope = jax.grad(lambda v: law.log_likelihood(residual, {"sigma2": v}, CHANNELS, DT).sum())(unknown["sigma2"])
     np.testing.assert_allclose(slope, -(400 - (whitened**2).sum(axis=(0, 1))) / 4.0, rtol=1e-6)
-
-
-def test_whitening_is_the_inverse_of_the_factor(name, residual):
-    factor = np.linalg.cholesky(covariance(name))
-    found = np.asarray(LAWS[name].whiten(residual, {}, CHANNELS, DT))
-    np.testing.assert_allclose(found[:, 0], np.linalg.solve(factor, residual[:, 0]), rtol=1e-7, atol=1e-9)
-
-
-def test_draws_have_the_covariance(name):
-    draws = LAWS[name].draw(np.random.default_rng(2), (4000, SAMPLES, 1), {}, CHANNELS, DT)[:, :, 0]
-    for lag in (0, 1, 5, 20, 60):
-        products = draws[:, : SAMPLES - lag] * draws[:, lag:]
-        # One product a draw, from its middle: independent of one another.
-        own = products[:, len(products[0]) // 2]
-        error = own.std() / np.sqrt(len(own))
-        expected = kernel(name, lag * DT) + (LAWS[name].white if lag == 0 else 0.0)
-        assert abs(own.mean() - expected) < 4.5 * error
 
 
 def test_what_is_unknown_is_inferred_channel_by_channel():

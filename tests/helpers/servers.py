@@ -1,0 +1,55 @@
+"""A UM-Bridge server of waves, in a process of its own, started once for all tests of a process that ask for it."""
+
+import atexit
+import functools
+import socket
+import subprocess
+import sys
+import time
+
+SERVER = """
+import sys, math, umbridge
+class Wave(umbridge.Model):
+    def __init__(self): super().__init__("wave")
+    def get_input_sizes(self, config): return [1, 1]
+    def get_output_sizes(self, config):
+        return [len(config["record"]["values"]) if "record" in config else config.get("samples", 400)]
+    def __call__(self, parameters, config):
+        (a,), (b,) = parameters
+        if a > 5: raise RuntimeError("too large")
+        record = config.get("record", {"dt": 0.01, "values": [0.0] * config.get("samples", 400)})
+        return [[a * math.sin(b * record["dt"] * i) + x for i, x in enumerate(record["values"])]]
+    def supports_evaluate(self): return True
+umbridge.serve_models([Wave()], int(sys.argv[1]))
+"""
+
+
+def free_port():
+    """A port that nobody listens to."""
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return s.getsockname()[1]
+
+
+def served(arguments, port):
+    """Start a server, wait for its answer: the process, and the names of its models."""
+    import umbridge
+
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    deadline = time.monotonic() + 90
+    while True:
+        try:
+            return process, umbridge.supported_models(f"http://127.0.0.1:{port}")
+        except Exception:
+            assert time.monotonic() < deadline and process.poll() is None
+            time.sleep(0.1)
+
+
+@functools.cache
+def serving_waves():
+    """Address of a server written with the official package, which offers the model ``wave``."""
+    port = free_port()
+    process, names = served([sys.executable, "-c", SERVER, str(port)], port)
+    atexit.register(process.kill)
+    assert names == ["wave"]
+    return f"http://127.0.0.1:{port}"
