@@ -26,8 +26,9 @@ from structid.inference.sampling.gradient import NUTS
 from structid.inference.sampling.sampler import Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.journal import digest
-from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
+from structid.models.bouc_wen import BoucWen
 from structid.models.face import Model
+from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
 from structid.optimize.region import region
 from structid.probability import marginals

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model
 
 from structid.errors import InputError, suggestion
 from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, quantity
-from structid.models.bouc_wen import PARAMETER_UNITS
+from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.models.shear_frame import STOREY_PARAMETERS
 from structid.surrogates.registry import by_word
 
