@@ -16,7 +16,7 @@ from structid.errors import InputError
 from structid.journal import Journal
 from structid.probability.space import ParameterSpace
 from structid.runs import InMemory
-from structid.solvers.external import Outcome
+from structid.solvers.protocol import Outcome
 
 
 @dataclass(frozen=True)
