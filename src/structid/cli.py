@@ -18,7 +18,7 @@ from structid.errors import CampaignStoppedError, InputError, StructidError
 
 if TYPE_CHECKING:
     from structid.runs import Runs
-    from structid.study.build import BuiltStudy
+    from structid.study.building.built_study import BuiltStudy
     from structid.study.run import Outcome
 
 DONE, FAILED, WRONG_INPUT, NOT_CONVERGED = 0, 1, 2, 3

@@ -9,9 +9,10 @@ import pytest
 import structid as si
 from structid import cli
 from structid.errors import InputError
-from structid.study.build import build
+from structid.study.building.study import build
 from structid.study.run import load, run_study
-from structid.study.schema import StudyErrors, parse_study
+from structid.study.schema.problems import StudyErrors
+from structid.study.schema.study_file import parse_study
 from studies import SMALL
 
 

@@ -32,9 +32,10 @@ from structid.report.content import ReportContent
 from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs
 from structid.streams import Purpose, derived_seed
-from structid.study.build import BuiltStudy, build
-from structid.study.schema import StudyFile, parse_study, read_study
-from structid.study.surrogate import fitted_surrogate, surrogate_settings
+from structid.study.building.built_study import BuiltStudy
+from structid.study.building.study import build
+from structid.study.building.surrogates import fitted_surrogate, surrogate_settings
+from structid.study.schema.study_file import StudyFile, parse_study, read_study
 from structid.surrogates.face import Surrogate
 from structid.surrogates.registry import load_surrogate
 
