@@ -11,7 +11,7 @@ from structid.models.face import Model
 from structid.models.kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
-from structid.study.models import model_by_word
+from structid.study.kinds.model_list import model_by_word
 from structid.study.schema.tables import ModelSection
 
 

@@ -9,7 +9,7 @@ from structid.errors import InputError
 from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
-from structid.study.models import model_by_word
+from structid.study.kinds.model_list import model_by_word
 from structid.study.schema.study_file import StudyFile
 from structid.study.schema.tables import PriorSection
 from structid.units import factor, to_si

@@ -12,8 +12,8 @@ from pydantic import Field, create_model, model_validator
 
 from structid.inference.likelihood.law_kind import LawKind
 from structid.inference.sampling.samplers import SamplerKind
+from structid.keys import Section
 from structid.models.kind import ModelKind
-from structid.study.schema.section import Section
 from structid.study.schema.tables import ModelSection, PriorSection, VirtualSection
 from structid.surrogates.kind import SurrogateKind
 

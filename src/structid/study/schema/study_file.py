@@ -15,8 +15,9 @@ from structid.inference.likelihood import laws
 from structid.inference.likelihood.law_kind import LawKind
 from structid.inference.sampling import samplers
 from structid.inference.sampling.samplers import SamplerKind
+from structid.keys import Section
 from structid.models.kind import ModelKind
-from structid.study import models
+from structid.study.kinds import model_list
 from structid.study.schema.kinds import (
     DiscrepancySection,
     SamplerSection,
@@ -28,7 +29,6 @@ from structid.study.schema.kinds import (
     virtual_section,
 )
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.section import Section
 from structid.study.schema.tables import (
     CalibrationSection,
     CampaignSection,
@@ -74,7 +74,7 @@ def study_file() -> type[StudyFile]:
     type
         A `StudyFile`.
     """
-    return _study_file(models.MODELS, tuple(surrogates.KINDS), tuple(laws.LAWS), tuple(samplers.SAMPLERS))
+    return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(laws.LAWS), tuple(samplers.SAMPLERS))
 
 
 @functools.cache

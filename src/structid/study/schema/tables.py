@@ -6,8 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds
-from structid.study.schema.section import Section
+from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
 
 
 class SyntheticSection(Section):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from structid.models import bouc_wen, shear_frame
 from structid.models.kind import ModelKind
-from structid.study.building import external_models
+from structid.study.kinds import external_models
 
 MODELS: tuple[ModelKind, ...] = (
     bouc_wen.KIND,

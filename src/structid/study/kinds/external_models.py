@@ -7,14 +7,13 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from structid.errors import InputError, suggestion
-from structid.keys import Seconds
+from structid.keys import Seconds, Section
 from structid.models.hysteretic_parameters import parameter_unit
 from structid.models.kind import ModelKind, ModelRequest
 from structid.solvers.callable import CallableModel
 from structid.solvers.program import OutputFile, ProgramModel
 from structid.solvers.um_bridge import UMBridgeModel
-from structid.study.building.function_in_file import FunctionInFile, imported
-from structid.study.schema.section import Section
+from structid.study.kinds.function_in_file import FunctionInFile, imported
 
 
 class OutputSection(Section):
