@@ -7,27 +7,22 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.surrogates.narx.recursion import Recursion
-from structid.surrogates.narx.structure import (
-    Experiments,
-    Signals,
-    build_recursion,
-    first_coefficients,
-    select_terms,
-    training_set,
-)
-from structid.surrogates.narx.terms import (
-    Memory,
-    Term,
+from structid.surrogates.narx.candidate_terms import (
     absolute_terms,
-    as_memories,
-    as_terms,
     exponential_terms,
     hysteretic_terms,
     polynomial_terms,
     prony_terms,
 )
-from structid.surrogates.narx.training import FreeRun, TrainingSet, joint_solution, train_free_run
+from structid.surrogates.narx.experiments import Experiments, Signals
+from structid.surrogates.narx.free_run import FreeRun
+from structid.surrogates.narx.one_step_regression import first_coefficients, joint_solution
+from structid.surrogates.narx.recursion import Recursion
+from structid.surrogates.narx.structure import build_recursion
+from structid.surrogates.narx.term_selection import select_terms
+from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
+from structid.surrogates.narx.training import train_free_run
+from structid.surrogates.narx.training_set import TrainingSet, training_set
 
 DT = 0.01
 

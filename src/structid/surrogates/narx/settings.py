@@ -16,9 +16,10 @@ from structid.runs import InMemory, Runs
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.face import check_enough, common_step
 from structid.surrogates.kriging.universal_kriging import Kriging
+from structid.surrogates.narx.experiments import Signals
 from structid.surrogates.narx.fitting import NARXFit, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.parametric_narx import ParametricNARX
-from structid.surrogates.narx.structure import Signals, structure_of
+from structid.surrogates.narx.structure import structure_of
 from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
 
 
