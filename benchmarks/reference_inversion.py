@@ -15,7 +15,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.models.bouc_wen import DEFAULT_SUBSTEPS
+from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS
 
 NAME = "reference_inversion"
 DURATION, WALKERS, STEPS = 40.0, 100, 700

@@ -20,7 +20,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.surrogates.narx.fitting import NARXFit
+from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.terms import absolute_terms
 from structid.surrogates.narx.training import refined_coefficients
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import structid as si
-from structid.figures import response
+from structid.figures import loops
 
 DEFAULT = Path(__file__).parents[2] / "shared" / "data" / "hysteresis" / "FD_PG1_Almeida2012.csv"
 
@@ -57,7 +57,7 @@ def main(path: Path = DEFAULT, save: Path | None = Path("cyclic_test")) -> float
     if save is not None:
         u = displacement * 1e3
         title = f"{path.stem}: {unexplained:.1%} of the force's variance unexplained"
-        response.loops((u, force * 1e-3), (u, predicted * 1e-3), title, save, names=("test", "Bouc-Wen-Baber-Noori"))
+        loops.loops((u, force * 1e-3), (u, predicted * 1e-3), title, save, names=("test", "Bouc-Wen-Baber-Noori"))
     print(result)
     print(f"unexplained: {unexplained:.3%}")
     return unexplained

@@ -6,6 +6,8 @@ import pytest
 from structid.errors import InputError, StoreMismatchError
 from structid.journal import Journal
 
+pytestmark = pytest.mark.quick
+
 
 def entries(journal):
     return [int(e["x"][0]) for e in journal]

@@ -5,6 +5,8 @@ import pytest
 from structid import units
 from structid.errors import InputError
 
+pytestmark = pytest.mark.quick
+
 
 @pytest.mark.parametrize(
     ("text", "unit", "value"),

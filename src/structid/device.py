@@ -22,7 +22,7 @@ from structid.cores import available_cores
 def _set_up() -> None:
     jax.config.update("jax_enable_x64", True)
     cores = int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores()))
-    # XLA runs one scan on one core, so each core becomes a device of its own and a batch is spread over them.
+    # XLA runs one scan on one core, so each core becomes a device of its own and a batch is shared out over them.
     # Where the caller has used JAX already, its devices stay as they are.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", cores)
@@ -70,8 +70,8 @@ def padded_size(runs: int) -> int:
     return step * math.ceil(runs / step)
 
 
-def over_runs(function: BatchFunction, run_axes: Any = 0, spread: bool = True) -> BatchFunction:
-    """Compile a function of arrays with a leading run axis, and spread that axis over the devices.
+def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
+    """Compile a function of arrays with a leading run axis, and share that axis out over the devices.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, spread: bool = True) -
         are the same for all runs.
     run_axes : int or tree of int
         Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
-    spread : bool
-        Whether to spread it. A loop over time keeps one core busy; products of matrices use them all by themselves, and two devices
-        would be in each other's way.
+    shard : bool
+        Whether to share it out. A loop over time keeps one core busy. Products of matrices use all cores by themselves, and two
+        devices would be in each other's way.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, spread: bool = True) -
 
     @jax.jit
     def compiled(theta: Any, constants: tuple[Any, ...]) -> Any:
-        if not spread:
+        if not shard:
             return function(theta, *constants)
         specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
         return jax.shard_map(

@@ -55,18 +55,29 @@ class StructidWarning(UserWarning):
 
 
 class Status(IntEnum):
-    """What became of one run of a model."""
+    """What became of one run of a model.
+
+    A run that failed (diverged, failed, timed out) says nothing of the structure. It is left out of fits, and may be tried again. A
+    run in which the structure failed (it collapsed, or passed a limit) is data. Its end came before the record's, and it would end
+    the same way again.
+    """
 
     DONE = 0
     DIVERGED = 1
     FAILED = 2
     TIMED_OUT = 3
     PENDING = 4
+    STRUCTURE_FAILED = 5
 
     @property
     def words(self) -> str:
         """As a reader calls it: ``"timed out"``."""
         return self.name.lower().replace("_", " ")
+
+    @property
+    def run_failed(self) -> bool:
+        """Whether the run says nothing, and might end otherwise if it were tried again."""
+        return self in (Status.DIVERGED, Status.FAILED, Status.TIMED_OUT)
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

@@ -3,67 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from structid.channels import ChannelUnit, standard_unit
 from structid.errors import InputError, Status, check_choice
 from structid.units import factor
 
 if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
-
-CHANNEL_UNITS = {
-    "displacement": ("m", "mm"),
-    "velocity": ("m/s", "mm/s"),
-    "relative_acceleration": ("m/s^2", "m/s^2"),
-    "absolute_acceleration": ("m/s^2", "m/s^2"),
-    "restoring_force": ("N", "kN"),
-    "hysteretic_displacement": ("m", "mm"),
-    "hysteretic_energy": ("J", "J"),
-    "elastic_energy": ("J", "J"),
-    "absorbed_energy": ("J", "J"),
-    "drift": ("m", "mm"),
-    "base_shear": ("N", "kN"),
-}
-"""SI unit and display unit of every channel a built-in model can give."""
-
-
-def base_channel(channel: str) -> str:
-    """Strip the storey from a channel's name.
-
-    Parameters
-    ----------
-    channel : str
-        ``"displacement_2"`` or ``"displacement"``.
-
-    Returns
-    -------
-    str
-        ``"displacement"``.
-    """
-    head, _, tail = channel.rpartition("_")
-    return head if tail.isdigit() else channel
-
-
-def display_unit(channel: str) -> str:
-    """Return the unit figures and tables use for a channel.
-
-    Parameters
-    ----------
-    channel : str
-        A channel's name.
-
-    Returns
-    -------
-    str
-        Its unit, empty for a channel structid does not know.
-    """
-    return CHANNEL_UNITS.get(base_channel(channel), ("", ""))[1]
 
 
 @dataclass(frozen=True)
@@ -86,6 +39,8 @@ class Histories:
         Name of the record.
     reasons : sequence of str, optional
         Why each run failed, empty where it did not.
+    units : mapping of str to ChannelUnit, optional
+        Units of the channels; those of the standard names when left out.
     """
 
     values: np.ndarray
@@ -95,6 +50,7 @@ class Histories:
     failure_time: np.ndarray = field(default=None)  # type: ignore[arg-type]
     excitation: str = ""
     reasons: tuple[str, ...] = ()
+    units: Mapping[str, ChannelUnit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=np.float64)
@@ -109,6 +65,7 @@ class Histories:
             ("failure_time", times),
             ("channels", tuple(self.channels)),
             ("reasons", tuple(self.reasons) or ("",) * runs),
+            ("units", {c: self.units.get(c, standard_unit(c)) for c in self.channels}),
         ):
             object.__setattr__(self, name, value)
 
@@ -167,7 +124,7 @@ class Histories:
         Path
             The file written.
         """
-        units = [CHANNEL_UNITS.get(base_channel(c), ("", ""))[int(display)] for c in self.channels]
+        units = [self.units[c].display if display else self.units[c].si for c in self.channels]
         columns = self.values[run] / np.array([factor(u) for u in units])
         header = ",".join(["time [s]", *(f"{c} [{u}]" for c, u in zip(self.channels, units, strict=True))])
         np.savetxt(
@@ -218,36 +175,6 @@ class Histories:
         """
         from structid.figures import response
 
-        units = [display_unit(c) for c in self.channels]
+        units = [self.units[c].display for c in self.channels]
         columns = [self.channel(c)[run] / factor(u) for c, u in zip(self.channels, units, strict=True)]
         return response.histories(self.time, columns, self.channels, units, title=self.excitation, save=save)
-
-
-def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Return `channels` as a tuple if all are known and none is named twice.
-
-    Parameters
-    ----------
-    where : str
-        The argument or key, for the message.
-    channels : sequence of str
-        What came.
-    known : sequence of str
-        What the model has.
-
-    Returns
-    -------
-    tuple of str
-        The channels.
-
-    Raises
-    ------
-    InputError
-        If one is unknown or repeated, or there is none.
-    """
-    names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
-    for name in names:
-        check_choice(where, name, known)
-    if not names or len(set(names)) < len(names):
-        raise InputError(where, f"{list(names)}", f"one or more of {', '.join(known)}, each once")
-    return names

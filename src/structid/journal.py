@@ -178,6 +178,36 @@ def write_then_rename(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
+LAYOUTS_OF_0_1 = (1, 2, 3)
+"""Layouts of stores that structid 0.1 wrote. Random streams are others from 0.2 on, so that the one cannot go on from the other."""
+
+
+def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
+    """Refuse a store of another version, and say which version reads it.
+
+    Parameters
+    ----------
+    path : Path
+        The store, for the message.
+    found, expected : int or None
+        Its layout, and the one of this version; None for stores without.
+
+    Raises
+    ------
+    StoreMismatchError
+        If they differ.
+    """
+    if found == expected or expected is None:
+        return
+    reader = "structid 0.1" if found in (None, *LAYOUTS_OF_0_1) else "a later structid"
+    raise StoreMismatchError(
+        f"store {path}",
+        f"it was written by another version of structid (layout {1 if found is None else found})",
+        f"a store of layout {expected}",
+        f"It can be read with {reader}. Name another store or folder to do the work anew; this one has not been touched.",
+    )
+
+
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
     """Refuse a store that was made by something else, and say what differs.
 
@@ -193,6 +223,7 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
     StoreMismatchError
         If they differ.
     """
+    refuse_other_layout(path, found.get("schema"), expected.get("schema"))
     differing = differences(found, expected)
     if differing:
         what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)

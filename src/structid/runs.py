@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from structid.channels import standard_unit
 from structid.errors import InputError, Status, check_choice
 from structid.ground_motion.excitation import Excitation, padded_values
-from structid.histories import Histories, display_unit
+from structid.histories import Histories
 from structid.probability.space import Design
 from structid.reasons import general_reason
 from structid.units import factor
@@ -357,7 +358,7 @@ class Runs:
         numbers = np.unique(shown.record_of_run)
         shown = shown.on(int(numbers[0])) if len(numbers) else shown
         record = shown.records[0]
-        units = tuple(display_unit(c) for c in self.channels)
+        units = tuple(standard_unit(c).display for c in self.channels)
         return figures.overview(
             record.time,
             shown.values[:, : len(record)] / np.array([factor(u) for u in units]),

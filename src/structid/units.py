@@ -69,6 +69,28 @@ def factor(unit: str) -> float:
     return float(_si_quantity(unit).magnitude)
 
 
+def si_unit(unit: str) -> str:
+    """Name the SI unit of the dimension that a unit measures.
+
+    Parameters
+    ----------
+    unit : str
+        A unit such as ``"mm"``.
+
+    Returns
+    -------
+    str
+        In base units, such as ``"m"``; empty for a pure number.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown.
+    """
+    quantity = _si_quantity(unit)
+    return "" if quantity.dimensionless else f"{quantity.units:~C}"
+
+
 def same_dimension(unit: str, other: str) -> bool:
     """Whether two units measure the same kind of quantity.
 

@@ -12,6 +12,8 @@ import pytest
 
 import structid
 
+pytestmark = pytest.mark.quick
+
 ROOT = Path(structid.__file__).parent
 MODULES = [m.name for m in pkgutil.walk_packages([str(ROOT)], "structid.")]
 

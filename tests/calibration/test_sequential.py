@@ -224,6 +224,7 @@ def test_particles_that_never_moved_are_one_point(space, model, measured):
 # --- pieces ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick
 def test_points_far_apart():
     candidates = np.array([[0.0], [0.1], [1.0], [0.5]])
     np.testing.assert_array_equal(far_apart(candidates, np.array([[0.0]]), 2), [2, 3])

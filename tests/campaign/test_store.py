@@ -13,6 +13,7 @@ import xarray
 
 import solvers
 import structid as si
+from structid.campaign import parts
 from structid.campaign import store as stores
 from structid.errors import InputError, StoreError, StoreMismatchError
 from waves import RECORD, SPACE, wave_model
@@ -88,7 +89,7 @@ def test_many_small_segments_make_the_same_file(tmp_path, monkeypatch, expected)
     numbers = []
 
     def told(done, total, failed):
-        numbers.append(len(stores.segments_of(tmp_path / "runs.h5")))
+        numbers.append(len(parts.segments_of(tmp_path / "runs.h5")))
 
     runs = si.Campaign(wave_model(solvers.noisy_wave), RECORD, SPACE.sample(40, seed=1), tmp_path / "runs.h5").run(
         progress=told
@@ -137,7 +138,7 @@ def test_no_room_to_put_the_runs_together(tmp_path, monkeypatch):
     assert si.open_runs(path).done.all()
     monkeypatch.undo()
     assert si.Campaign(wave_model(), RECORD, design, path).run().done.all()
-    assert not stores.parts_of(path).exists()
+    assert not parts.parts_of(path).exists()
 
 
 def test_whatever_a_solver_prints_can_be_stored(tmp_path):
@@ -164,7 +165,7 @@ def test_a_power_cut_leaves_zeros_or_damage(tmp_path):
             si.Campaign(wave_model(isolated=False), RECORD, design, path).run(progress=stopped)
 
     interrupted()
-    journal = stores.parts_of(path) / "journal"
+    journal = parts.parts_of(path) / "journal"
     whole, stored = journal.read_bytes(), si.open_runs(path).done.sum()
     assert stored >= 25
     journal.write_bytes(whole + bytes(4096))
@@ -195,9 +196,9 @@ def test_killed_while_the_parts_are_removed(tmp_path, monkeypatch):
     monkeypatch.setattr(stores.shutil, "rmtree", half_removed)
     before = si.Campaign(wave_model(isolated=False), RECORD, first, path).run().values
     monkeypatch.setattr(stores.shutil, "rmtree", whole_removal)
-    stores.parts_of(path).mkdir()
+    parts.parts_of(path).mkdir()
     for segment in kept.iterdir():
-        segment.rename(stores.parts_of(path) / segment.name)
+        segment.rename(parts.parts_of(path) / segment.name)
     runs = si.Campaign(wave_model(isolated=False), RECORD, first + more, path).run()
     np.testing.assert_array_equal(runs.values[:12], before)
     direct = wave_model(isolated=False).simulate((first + more).values, RECORD)

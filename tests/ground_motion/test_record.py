@@ -7,6 +7,8 @@ import structid as si
 from structid.errors import InputError
 from structid.ground_motion import processing
 
+pytestmark = pytest.mark.quick
+
 HEADER = "PEER NGA STRONG MOTION DATABASE RECORD\nSomewhere, 1/1/1999, Station, 180\nACCELERATION TIME SERIES IN UNITS OF G\n"
 
 

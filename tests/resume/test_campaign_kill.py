@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.campaign import store as stores
+from structid.campaign import parts
 
 pytestmark = pytest.mark.slow  # three minutes of killing
 
@@ -52,7 +52,7 @@ def campaign(tmp_path_factory):
 
 def stored_points(path):
     """First parameters of the runs that are stored; nothing before the campaign's first breath."""
-    if not path.exists() and not (stores.parts_of(path) / "design").exists():
+    if not path.exists() and not (parts.parts_of(path) / "design").exists():
         return set()
     runs = si.open_runs(path)
     return {repr(float(a)) for a in runs.design.values[runs.done, 0]}
@@ -74,7 +74,7 @@ def assert_same_data(path, undisturbed):
     assert runs.done.all() and len(runs) == RUNS
     np.testing.assert_array_equal(runs.values, undisturbed.values)
     np.testing.assert_array_equal(runs.design.values, undisturbed.design.values)
-    assert not stores.parts_of(path).exists()
+    assert not parts.parts_of(path).exists()
 
 
 def test_killed_at_twenty_random_moments(campaign, undisturbed, tmp_path):

@@ -15,7 +15,7 @@ import solvers
 import structid as si
 from processes import wait_until_gone
 from structid.errors import InputError, Status
-from structid.solvers.external import attempt, packed
+from structid.solvers.guard import attempt, packed
 
 RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")
 

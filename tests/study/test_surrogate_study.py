@@ -8,8 +8,9 @@ import pytest
 from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from structid.study.schema import SurrogateSection
-from structid.study.surrogate import KINDS, surrogate_settings
+from structid.study.surrogate import surrogate_settings
 from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.registry import KINDS
 from studies import PACKAGED, PLAIN, shortened
 
 STUDY = (

@@ -12,7 +12,7 @@ from package import modules
 from structid.errors import InputError, Status, StructidWarning
 from structid.models.face import Model
 from structid.runs import InMemory
-from structid.surrogates.storage import load_surrogate
+from structid.surrogates.registry import load_surrogate
 from structid.surrogates.validation import relative_errors
 
 KINDS = {
@@ -134,11 +134,11 @@ def test_gradients_go_through_it(surrogate, record, space):
 
     from structid.device import jnp
 
-    stages = record.stage_values(surrogate.substeps)
+    excitation = surrogate.traced(record)
     point = np.array([7.4e6, 0.2])
 
     def energy(theta):
-        return jnp.sum(surrogate.response(theta[None], record, stages)[0] ** 2)
+        return jnp.sum(surrogate.response(theta[None], excitation)[0] ** 2)
 
     slope = np.asarray(jax.grad(energy)(jnp.asarray(point)))
     for j, step in enumerate((10.0, 1e-5)):
@@ -178,6 +178,7 @@ def test_a_posterior_warns_of_a_surrogate_too_coarse_for_its_data(fitted, model,
     assert warned(1e-3) and not warned(0.3)
 
 
+@pytest.mark.quick
 def test_it_is_saved_and_read_to_the_same_bits(surrogate, unseen, space, record, tmp_path):
     surrogate.validate(unseen)
     again = load_surrogate(surrogate.save(tmp_path / "surrogate.h5"))

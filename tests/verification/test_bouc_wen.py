@@ -226,10 +226,10 @@ def test_reverse_mode_is_finite_from_the_initial_state(short_record, exponent):
     """The derivative of |z|^(n−1) z at z = 0, where every history starts, is NaN by naive differentiation."""
     free = ("stiffness", "alpha", "beta", "gamma", "exponent")
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, free=free, **PINCHING, delta_nu=2.43, delta_eta=6.5)
-    stages = short_record.stage_values(3)
+    excitation = model.traced(short_record)
 
     def energy(theta):
-        return (model.response(theta[None], short_record, stages)[0] ** 2).sum()
+        return (model.response(theta[None], excitation)[0] ** 2).sum()
 
     theta = jax.numpy.array([7.6e6, 0.05, 63.0, 30.0, exponent])
     reverse, forward = jax.grad(energy)(theta), jax.jacfwd(energy)(theta)
@@ -242,7 +242,7 @@ def test_reverse_mode_is_finite_from_the_initial_state(short_record, exponent):
 
 def test_benchmark_is_a_case_of_the_family():
     """m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β(γ|ẏ||z|^(ν−1)z + δ ẏ|z|^ν), integrated as printed."""
-    from structid.models.bouc_wen import benchmark_parameters
+    from structid.models.bouc_wen_benchmark import benchmark_parameters
 
     m, c, k, alpha, beta, gamma, delta, nu = 2.0, 10.0, 5e4, 5e4, 1e3, 0.8, -1.1, 1.0
     t = np.arange(600) / 3000
@@ -361,6 +361,6 @@ def test_every_parameter_may_be_free(short_record, name):
     fixed = si.BoucWen(**values).simulate(NOTHING_FREE, short_record).values
     free = si.BoucWen(**{k: v for k, v in values.items() if k != name}, free=(name,))
     np.testing.assert_allclose(free.simulate([[values[name]]], short_record).values, fixed, rtol=1e-7, atol=1e-9)
-    stages = short_record.stage_values(3)
-    slope = jax.jacfwd(lambda t: free.response(t[None], short_record, stages)[0])(jax.numpy.array([values[name]]))
+    excitation = free.traced(short_record)
+    slope = jax.jacfwd(lambda t: free.response(t[None], excitation)[0])(jax.numpy.array([values[name]]))
     assert np.isfinite(slope).all()

@@ -7,6 +7,8 @@ import structid as si
 from oscillators import DEGRADING
 from structid.errors import InputError
 
+pytestmark = pytest.mark.quick
+
 NOTHING_FREE = np.zeros((1, 0))
 LAW = dict(alpha=0.05, beta=63.0, gamma_ratio=0.5)
 

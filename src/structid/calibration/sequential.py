@@ -13,31 +13,32 @@ import numpy as np
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
 from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.nearness import nearness
-from structid.campaign.executors import kept_open, spreading
+from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError
 from structid.inference.assessment.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.likelihood.discrepancy import Discrepancy
-from structid.inference.likelihood.posterior import Observation, Posterior
+from structid.inference.likelihood.observation import Observation
+from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
-from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
 from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.journal import Journal, digest
 from structid.models.face import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
+from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
-from structid.surrogates.narx.settings import PCNARX, KrigingNARX
-from structid.surrogates.pod.response_space import PODKriging, ResponseSpaceSurrogate
-from structid.surrogates.storage import load_surrogate
+from structid.surrogates.pod.pod_kriging import PODKriging
+from structid.surrogates.registry import load_surrogate
+
+SCHEMA = 4
+"""Version of the rounds on disk, and of the random streams that lead on from them."""
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
-
-_PURPOSE = {"design": 1, "exploring": 2, "batch": 3, "sampling": 4}
 
 Tell = Callable[[str, int, int], None]
 """Told what is being done, how much of it is done, and of how much."""
@@ -180,7 +181,7 @@ def calibrate(
     StoreMismatchError
         If `store` belongs to another calibration.
     """
-    settings = PODKriging() if surrogate is None else surrogate
+    settings: SurrogateSettings = PODKriging() if surrogate is None else surrogate
     with kept_open(model, executor) as workers:
         loop = _Loop(
             Posterior(space, model, observations, discrepancy),
@@ -218,11 +219,12 @@ class _Loop:
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.rounds: list[Round] = []
         self.last: Batch | None = None
-        self.surrogate: ResponseSpaceSurrogate | None = None
+        self.surrogate: Surrogate | None = None
 
     @property
     def _identity(self) -> dict[str, Any]:
         return {
+            "schema": SCHEMA,
             "posterior": self.posterior.content_hash,
             "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
             "plan": digest(self.plan.describe()),
@@ -295,28 +297,26 @@ class _Loop:
             if path is not None:
                 surrogate.save(path)
         surrogate.trust()  # the certificate judges it
-        if isinstance(surrogate, ResponseSpaceSurrogate):
-            self.surrogate = surrogate
+        self.surrogate = surrogate
         return surrogate
 
     def _fit(self, runs: Runs, told: Progress) -> Surrogate:
-        """Fit to all runs; a NARX, which interpolates none, to those near the posterior more than to others.
-
-        A Kriging begins with the lengths of the round before.
-        """
-        if isinstance(self.settings, PODKriging):
-            return self.settings.fit(runs, told, self.surrogate)
-        if self.last is None or not isinstance(self.settings, (PCNARX, KrigingNARX)):
-            return self.settings.fit(runs, told)
-        near = nearness(self._best_densities(self.last, runs)[0])
-        return self.settings.fit(runs, told, np.repeat(near, len(self.records)))
+        """Fit to all runs: from the surrogate of the round before, and weighed by how near they are to the posterior, if it can."""
+        further: dict[str, Any] = {}
+        if self.settings.warm_start and self.surrogate is not None:
+            further["start"] = self.surrogate
+        if self.settings.weighted and self.last is not None:
+            near = nearness(self._best_densities(self.last, runs)[0])
+            further["weights"] = np.repeat(near, len(self.records))
+        fit: Callable[..., Surrogate] = self.settings.fit
+        return fit(runs, told, **further)
 
     def _batch(self, number: int, surrogate: Surrogate, under: Posterior, final: bool) -> Batch:
         blocks: list[Block] = []
         told = self._told("exploring its posterior")
-        seed = _seed(self.seed, "exploring", number)
+        seed = derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
-        rng = np.random.default_rng(_seed(self.seed, "batch", number))
+        rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
         if not final:
             return next_batch(under, surrogate, blocks, self.points, self.plan.batch, rng)
         fresh = fresh_draws(under, blocks[-1], self.plan.certificate, rng)
@@ -367,17 +367,16 @@ class _Loop:
         self, surrogate: Surrogate, under: Posterior, certificate: Certificate | None, runs: Runs
     ) -> CalibrationResult:
         assert certificate is not None
-        surrogate.certified = certificate.certified
         chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
-        seed, sampler = _seed(self.seed, "sampling", 0), self.sampler
-        if isinstance(sampler, DelayedAcceptance):  # the model's own posterior, whatever the certificate says
-            sampler = replace(sampler, approximation=surrogate)
-            with spreading(self.posterior.model, self.executor) as spread:
-                drawn = sample(
-                    self.posterior.spread(spread), sampler, seed, chains, progress=self._told("exact sampling")
-                )
+        seed, sampler = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self.sampler
+        if sampler.exact:  # draws of the model's own posterior, whatever the certificate says
+            sampler = sampler.proposing_by(surrogate)
+            with run_map(self.posterior.model, self.executor) as map_of_runs:
+                target = self.posterior.mapped_by(map_of_runs)
+                drawn = sample(target, sampler, seed, chains, progress=self._told("exact sampling"))
         else:
             drawn = sample(under, sampler, seed, chains, progress=self._told("sampling"))
+            drawn = replace(drawn, certified=certificate.certified)
         return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs)
 
     def _told(self, what: str) -> Progress:
@@ -386,10 +385,6 @@ class _Loop:
                 self.progress(what, done, total)
 
         return tell
-
-
-def _seed(seed: int, purpose: str, number: int) -> int:
-    return int(np.random.SeedSequence([seed, _PURPOSE[purpose], number]).generate_state(1)[0])
 
 
 def _entry(batch: Batch, final: bool) -> dict[str, np.ndarray]:

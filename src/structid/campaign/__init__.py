@@ -1,1 +1,1 @@
-"""Campaigns of true runs: a crash-safe store, executors, and the loop between them."""
+"""Campaigns of true runs: the loop over the runs, the executors, and the crash-safe store."""

@@ -1,8 +1,9 @@
-"""Where runs are done: here, in local processes, on any executor of `concurrent.futures`, on a Dask cluster; all with one face."""
+"""Executors of runs behind one interface: serial, local processes, any executor of `concurrent.futures`, a Dask cluster."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import queue
 import time
@@ -12,38 +13,38 @@ from typing import Any
 
 from structid.cores import available_cores
 from structid.errors import CampaignStoppedError, InputError
-from structid.models.face import JaxModel, Map, Model
-from structid.solvers import external
+from structid.models.face import Map, Model
+from structid.solvers.guard import guard_of_this_thread
 from structid.solvers.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
-"""Seconds a scheduler may take to answer."""
+"""Longest time in which a scheduler must answer [s]."""
 
 RECOUNT = 1.0
-"""Seconds after which a cluster's workers are counted again: they come and go."""
+"""Time after which the workers of a cluster are counted again, because their number changes [s]."""
 
 ALLOWED = "'serial', 'processes', 'processes:4', 'tcp://scheduler:8786', a concurrent.futures.Executor or a dask Client"
 
 
 class LostWorkerError(Exception):
-    """A run has taken down so many workers, one after another, that its scheduler has given it up."""
+    """A run has killed so many workers, one after another, that its scheduler has given it up."""
 
 
 class Pool:
-    """Runs in flight on an executor: their number is bounded, and they come back as they finish.
+    """Runs submitted to an executor. Their number is limited, and results are returned as the runs finish.
 
     Parameters
     ----------
     executor : object
         Has ``submit``; its futures have ``add_done_callback``, ``result`` and ``cancel``.
     workers : callable
-        How many runs it can do at once, now.
+        Returns the number of runs that it can do at the same time, now.
     release : callable
-        Called at the end with whether to abort what is running.
+        Called at the end; its argument says whether to abort the runs in progress.
     check : callable
-        Called while nothing comes back; raises when nothing ever will.
+        Called while no run finishes; raises if no run ever will.
     options : dict
-        For ``submit``.
+        Arguments of ``submit``.
     """
 
     def __init__(
@@ -61,25 +62,25 @@ class Pool:
 
     @property
     def room(self) -> int:
-        """How many more runs may be submitted: two for each worker are in flight at most, so that none waits for work."""
+        """Number of runs that may be submitted now: at most two runs for each worker, so that no worker waits for work."""
         return 2 * max(self._workers(), 1) - len(self._tickets)
 
     @property
     def busy(self) -> bool:
-        """Whether anything is in flight."""
+        """Whether any submitted run has not returned yet."""
         return bool(self._tickets)
 
     def submit(self, ticket: Any, function: Callable[..., Any], *arguments: Any) -> None:
-        """Hand a run over.
+        """Submit a run.
 
         Parameters
         ----------
         ticket : Any
-            Comes back with the result.
+            Identifies the run; returned together with its result.
         function : callable
-            To be called there.
+            Function to be called by the executor.
         *arguments
-            Its arguments.
+            Arguments of the function.
         """
         try:
             future = self._executor.submit(function, *arguments, **self._options)
@@ -89,7 +90,7 @@ class Pool:
         future.add_done_callback(self._finished.put)
 
     def finished(self) -> Iterator[tuple[Any, Any]]:
-        """Wait for a run to finish; take all that have.
+        """Wait until a run has finished, and return all finished runs.
 
         Yields
         ------
@@ -99,7 +100,7 @@ class Pool:
         Raises
         ------
         CampaignStoppedError
-            If the executor can do no more.
+            If the executor cannot continue.
         """
         futures = [self._next()]
         with contextlib.suppress(queue.Empty):
@@ -118,22 +119,22 @@ class Pool:
                 self._check()
 
     def lent(self) -> Pool:
-        """Lend the workers to one who leaves them open.
+        """Return another pool on the same executor, which leaves the executor open.
 
         Returns
         -------
         Pool
-            Its `close` gives up no more than what was submitted to it.
+            Its `close` aborts only the runs that were submitted to it.
         """
         return Pool(self._executor, self._workers, check=self._check, options=self._options)
 
     def close(self, abort: bool = False) -> None:
-        """Let go of the executor.
+        """Release the executor.
 
         Parameters
         ----------
         abort : bool
-            Cancel what is in flight instead of having waited for it.
+            Cancel the runs that have not finished.
         """
         if abort:
             for future in self._tickets:
@@ -150,19 +151,19 @@ def _result_of(future: Any) -> Any:
     except CampaignStoppedError:
         raise
     except Exception as problem:
-        # By name, so that distributed need not be there.
+        # Compared by name, because distributed may not be installed.
         if type(problem).__name__ == "KilledWorker":
             return LostWorkerError(str(problem).split("\n")[0])
         if isinstance(problem, CancelledError) or "CommClosed" in type(problem).__name__:
-            raise CampaignStoppedError("the scheduler, or whoever else kept the runs in flight, was lost") from problem
+            raise CampaignStoppedError("the connection to the scheduler or executor of the runs was lost") from problem
         raise CampaignStoppedError(
-            f"a worker could not even begin a run: {type(problem).__name__}: {problem}. "
-            "Has it the same structid and Python as here?"
+            f"a worker could not start a run: {type(problem).__name__}: {problem}. "
+            "Does it have the same versions of structid and Python as this machine?"
         ) from problem
 
 
 def _pool_of(executor: Any) -> Pool:
-    """Make a pool, to be closed, of whatever was given as an executor; see `opened`."""
+    """Make a pool from the executor argument of `opened`; the caller closes it."""
     if isinstance(executor, Pool):
         return executor.lent()
     if executor is None or executor == "serial":
@@ -183,16 +184,14 @@ def _pool_of(executor: Any) -> Pool:
 
 
 def _local(workers: int) -> Pool:
-    """Threads, each the owner of a child process that does its runs."""
+    """Make a pool of threads; each thread owns a child process that does its runs."""
     guards: list[Watchdog] = []
-    threads = ThreadPoolExecutor(
-        workers, "structid-run", initializer=lambda: guards.append(external.guard_of_this_thread())
-    )
+    threads = ThreadPoolExecutor(workers, "structid-run", initializer=lambda: guards.append(guard_of_this_thread()))
 
     def release(abort: bool) -> None:
         if abort:
             threads.shutdown(wait=False, cancel_futures=True)
-            for guard in guards:  # a thread that waits for its child then sees it die
+            for guard in guards:  # a thread that waits for its child process then returns
                 guard.kill()
         threads.shutdown(wait=True)
         for guard in guards:
@@ -202,16 +201,14 @@ def _local(workers: int) -> Pool:
 
 
 def _connected(address: str) -> Any:
-    import logging
-
     try:
-        from distributed import Client
+        from distributed import Client  # an optional dependency
     except ImportError:
         raise InputError(
             f"executor '{address}'", "Dask is not installed here", "the extra 'dask'", "pip install 'structid[dask]'."
         ) from None
     for name in ("distributed", "distributed.client", "distributed.core", "distributed.comm"):
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # what there is to say is said by us, in one line
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # structid reports a lost connection itself, in one line
     try:
         return Client(address, timeout=CONNECTION_LIMIT, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as problem:
@@ -226,10 +223,10 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
     def workers() -> int:
         nonlocal asked, threads
-        if time.monotonic() > asked + RECOUNT:  # a question to the scheduler costs as much as a run
+        if time.monotonic() > asked + RECOUNT:  # a request to the scheduler takes as long as a short run
             try:
                 asked, threads = time.monotonic(), sum(client.nthreads().values())
-            except Exception as problem:  # whatever it is, the scheduler does not answer
+            except Exception as problem:  # any exception means that the scheduler does not answer
                 raise CampaignStoppedError(f"the scheduler at {address} was lost") from problem
         return threads
 
@@ -242,13 +239,13 @@ def _dask(client: Any, address: str, release: Callable[[bool], None]) -> Pool:
 
 @contextlib.contextmanager
 def opened(executor: Any) -> Iterator[Pool]:
-    """Open a pool of whatever was given as an executor, and close it in the end; after an exception, what is in flight is given up.
+    """Open a pool on an executor, and close it at the end; after an exception, unfinished runs are aborted.
 
     Parameters
     ----------
     executor : None, str, Pool, concurrent.futures.Executor or distributed.Client
-        ``None`` and ``"serial"``: one run after another; ``"processes"``: one local process for each core, ``"processes:4"`` four;
-        ``"tcp://host:8786"``: a Dask scheduler. What is given as an object stays the caller's, who closes it.
+        ``None`` or ``"serial"``: one run after another. ``"processes"``: one local process for each core; ``"processes:4"``: four.
+        ``"tcp://host:8786"``: a Dask scheduler. An executor that is given as an object is left open; the caller closes it.
 
     Yields
     ------
@@ -258,7 +255,7 @@ def opened(executor: Any) -> Iterator[Pool]:
     Raises
     ------
     InputError
-        If it is none of these, or no scheduler answers.
+        If `executor` is none of these, or no scheduler answers.
     """
     pool, abort = _pool_of(executor), True
     try:
@@ -283,12 +280,12 @@ def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     context manager
         Gives what to pass on as an executor; for a built-in model, which needs none, what came.
     """
-    return contextlib.nullcontext(executor) if isinstance(model, JaxModel) else opened(executor)
+    return opened(executor) if model.guarded else contextlib.nullcontext(executor)
 
 
 @contextlib.contextmanager
 def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
-    """Open an executor as a `map`, for `Model.simulate` and `Posterior`.
+    """Open an executor as a `map` function, for `Model.simulate` and `Posterior`.
 
     Parameters
     ----------
@@ -312,14 +309,14 @@ def mapping(executor: Any) -> Iterator[Callable[..., Iterable[Any]]]:
                     pool.submit(place, function, item)
                 for place, result in pool.finished():
                     if isinstance(result, LostWorkerError):
-                        raise CampaignStoppedError(f"run {place} took every worker down that tried it: {result}")
+                        raise CampaignStoppedError(f"run {place} killed every worker that tried it: {result}")
                     results[place] = result
             return results
 
         yield mapped
 
 
-def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
+def run_map(model: Model, executor: Any) -> contextlib.AbstractContextManager[Map | None]:
     """Open an executor for the runs of an external model; a built-in one runs in batches, and needs none.
 
     Parameters
@@ -334,4 +331,4 @@ def spreading(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     context manager
         Gives a `map`, or None for a built-in model.
     """
-    return contextlib.nullcontext() if isinstance(model, JaxModel) else mapping(executor)
+    return mapping(executor) if model.guarded else contextlib.nullcontext()

@@ -1,4 +1,4 @@
-"""Runs in one HDF5 file: netCDF's layout, one compressed chunk a run, so that any run is read alone and moved without unpacking."""
+"""Runs in one HDF5 file with the layout of netCDF. Each run is one compressed chunk, to be read or moved by itself."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class Header:
     Parameters
     ----------
     identity : dict
-        Hashes and names; a store with another one is refused.
+        Hashes and names; a store with another identity is refused.
     space : ParameterSpace
-        Of the design.
+        Space of the design.
     records : tuple of Excitation
         The records.
     channels : tuple of str
-        Of the histories.
+        Channels of the histories.
     """
 
     identity: dict[str, Any]
@@ -57,23 +57,23 @@ class Header:
 
     @property
     def samples(self) -> int:
-        """Rows of a history: those of the longest record."""
+        """Number of samples of a history, that of the longest record."""
         return max(len(r) for r in self.records)
 
     @property
     def bytes_per_run(self) -> int:
-        """Size of a history before compression."""
+        """Size of a history before compression [byte]."""
         return 8 * self.samples * len(self.channels)
 
 
 @dataclass(frozen=True)
 class Row:
-    """One stored run: what became of it, and where its history lies.
+    """One stored run: its outcome, and where its history is.
 
     Parameters
     ----------
     key : str
-        Stands for parameters and record.
+        Identifies its point and record.
     status : int
         A `Status`.
     reason : str
@@ -81,13 +81,13 @@ class Row:
     failure_time, seconds : float
         Time of failure [s], wall time [s].
     attempts : int
-        How often it was tried.
+        Number of attempts.
     finished : float
-        When, seconds of the epoch.
-    source : Source or None
-        Where the history is; None for a run that is pending.
+        When it ended, in seconds since the epoch.
+    source : FileSource, InMemory or None
+        Where the history is; None for a pending run.
     position : int
-        Its row there.
+        Row of the history in the source.
     """
 
     key: str
@@ -119,7 +119,7 @@ class FileSource:
         Parameters
         ----------
         positions : ndarray of int
-            Which.
+            Numbers of the rows.
 
         Returns
         -------
@@ -128,7 +128,7 @@ class FileSource:
         """
         with h5py.File(self.path, "r") as file:
             values = file["values"]
-            # h5py wants rising, distinct rows.
+            # h5py needs increasing, distinct rows.
             distinct, back = np.unique(positions, return_inverse=True)
             return values[distinct][back] if len(distinct) else np.empty((0, *values.shape[1:]))
 
@@ -140,25 +140,25 @@ def write(
     record_of_run: np.ndarray,
     rows: Sequence[Row],
 ) -> None:
-    """Write a file of runs whole or not at all.
+    """Write a file of runs, completely or not at all.
 
     Parameters
     ----------
     path : Path
-        Where it goes.
+        The file.
     header : Header
-        What they share.
+        What the runs share.
     theta : ndarray, shape (run, parameter)
         Points in SI.
     record_of_run : ndarray of int, shape (run,)
-        Which record drove each.
+        Number of the record of each run.
     rows : sequence of Row
         One for each run, in order.
 
     Raises
     ------
     StoreError
-        If there is no room for it.
+        If the disk has no room for the file, or it cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     _check_room(path, header, rows)
@@ -171,15 +171,15 @@ def write(
         with partial.open("rb+") as written:
             os.fsync(written.fileno())
         partial.replace(path)
-    except (OSError, RuntimeError) as problem:  # h5py tells a full disk at closing as a RuntimeError
+    except (OSError, RuntimeError) as problem:  # h5py reports a disk that is full at closing as a RuntimeError
         partial.unlink(missing_ok=True)
         raise StoreError(
-            f"{path}: it cannot be written ({problem}). The runs are safe in its parts; free some space and go on."
+            f"{path}: it cannot be written ({problem}). The runs are safe in its parts; free some space and continue."
         ) from problem
 
 
 def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
-    """A full disk can crash the HDF5 library, so it is not tried."""
+    """Check the free space first, because a full disk can crash the HDF5 library."""
     needed = 1_000_000
     for source in {row.source for row in rows if row.source is not None}:
         if isinstance(source, FileSource):
@@ -189,8 +189,8 @@ def _check_room(path: Path, header: Header, rows: Sequence[Row]) -> None:
     free = shutil.disk_usage(path.parent).free
     if free < needed:
         raise StoreError(
-            f"{path}: {free / 1e6:.0f} MB are free and {needed / 1e6:.0f} MB are needed to put the runs together. They are safe in "
-            "its parts; free some space and go on."
+            f"{path}: {free / 1e6:.0f} MB are free, but merging the runs needs {needed / 1e6:.0f} MB. They are safe in its "
+            "parts; free some space and continue."
         )
 
 
@@ -235,7 +235,7 @@ def _write_rows(file: Any, rows: Sequence[Row]) -> None:
 
 
 def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
-    """Put the histories in: chunks of other files are moved as they are, everything else is compressed here."""
+    """Write the histories. Chunks of other files are copied as they are; everything else is compressed here."""
     shape = (header.samples, len(header.channels))
     values = file.create_dataset(
         "values",
@@ -248,7 +248,7 @@ def _write_values(file: Any, header: Header, rows: Sequence[Row]) -> None:
         compression_opts=1,
     )
     _attach(file, values, ("run", "time", "channel"))
-    # A source at a time, so that one file is open however many segments there are.
+    # One source at a time, so that only one other file is open, however many segments there are.
     by_source: dict[int, list[int]] = {}
     for index, row in enumerate(rows):
         if row.source is not None:
@@ -277,7 +277,7 @@ def _attach(file: Any, dataset: Any, dimensions: tuple[str, ...]) -> None:
 
 
 def read_rows(path: Path) -> dict[str, Row]:
-    """Read what became of every run in a file.
+    """Read the outcome of every run in a file.
 
     Parameters
     ----------
@@ -287,7 +287,7 @@ def read_rows(path: Path) -> dict[str, Row]:
     Returns
     -------
     dict of str to Row
-        By key; pending runs are left out.
+        By key, without pending runs.
     """
     source = FileSource(path)
     with h5py.File(path, "r") as file:
@@ -304,8 +304,25 @@ def read_rows(path: Path) -> dict[str, Row]:
     return rows
 
 
+def read_keys(path: Path) -> list[str]:
+    """Read the keys of the runs in a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    list of str
+        One for each run, in the order of the file.
+    """
+    with h5py.File(path, "r") as file:
+        return [k.decode() for k in file["key"][...]]
+
+
 def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
-    """Read what the runs of a file share, and its design.
+    """Read what the runs of a file share, and their design.
 
     Parameters
     ----------
@@ -320,7 +337,7 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
     Raises
     ------
     InputError
-        If it is no file of runs.
+        If it is not a file of runs.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -335,12 +352,15 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
             return header, file["theta"][...], file["record_of_run"][...].astype(int)
     except (OSError, KeyError) as cause:
         raise InputError(
-            f"{path}", f"it holds no runs of structid ({cause})", "a file that a Campaign has made", "Name another one."
+            f"{path}",
+            f"it holds no runs of structid ({cause})",
+            "a file written by a Campaign",
+            "Give another file.",
         ) from cause
 
 
 def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
-    """Make an excitation again from `Excitation.to_plain` and its samples.
+    """Rebuild an excitation from its description by `Excitation.to_plain` and its samples.
 
     Parameters
     ----------
@@ -352,7 +372,7 @@ def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
     Returns
     -------
     Excitation
-        Of the same kind.
+        The excitation, of the same kind.
     """
     if "parts" in plain:
         parts = [record_from_plain(p, v) for p, v in zip(plain["parts"], values.T, strict=True)]
@@ -364,27 +384,27 @@ def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
 def as_runs(
     header: Header, theta: np.ndarray, record_of_run: np.ndarray, rows: Sequence[Row], values: Any, path: Path | None
 ) -> Runs:
-    """Give rows the face of `Runs`.
+    """Make `Runs` of rows.
 
     Parameters
     ----------
     header : Header
-        What they share.
+        What the runs share.
     theta : ndarray, shape (run, parameter)
         Points in SI.
     record_of_run : ndarray of int, shape (run,)
-        Which record drove each.
+        Number of the record of each run.
     rows : sequence of Row
         One for each run.
     values : Values
         The histories.
     path : Path or None
-        The file, if all is in one.
+        The file, if all runs are in one file.
 
     Returns
     -------
     Runs
-        With the histories where they are.
+        The runs; the histories stay where they are.
     """
     return Runs(
         Design(theta, header.space),

@@ -1,4 +1,4 @@
-"""A campaign: a design of true runs, done wherever there is room, each stored before the next result is awaited."""
+"""A campaign: the true runs of a design, on any executor, each stored before the next result is awaited."""
 
 from __future__ import annotations
 
@@ -11,32 +11,35 @@ from typing import Any
 import numpy as np
 
 from structid.campaign.executors import LostWorkerError, Pool, opened
+from structid.campaign.journal_entries import Finished
 from structid.campaign.run_file import Header
-from structid.campaign.store import Finished, MemoryStore, RunStore, open_runs
+from structid.campaign.store import MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.space import Design
 from structid.runs import Runs, record_numbers
-from structid.solvers.external import ExternalModel, Outcome, PackedCall, attempt, packed
+from structid.solvers.external import as_guarded
+from structid.solvers.guard import PackedCall, attempt, packed
+from structid.solvers.protocol import Outcome
 
 CampaignProgress = Callable[[int, int, int], None]
-"""Told how many runs have ended, of how many, and how many of them failed."""
+"""Called with the number of runs that have ended, the total, and the number of failed runs."""
 
 BATCH = 256
-"""Runs of a built-in model that are done, and stored, together."""
+"""Number of runs of a built-in model that are done and stored together."""
 
 TRIED_AGAIN = (Status.FAILED, Status.TIMED_OUT)
-"""What a second attempt of the same solver may cure; a run that diverged would do so again."""
+"""Status of runs for which another attempt may help; a run that diverged would diverge again."""
 
 RETRIED = (*TRIED_AGAIN, Status.DIVERGED)
-"""What is done again when somebody asks for it, who may have changed the solver."""
+"""Status of runs that are repeated on request, because the solver may have changed."""
 
 
 @dataclass(frozen=True)
 class _Ticket:
-    """One run on its way."""
+    """One run to be done: its row in the design, and which attempt it is."""
 
     row: int
     attempts: int
@@ -45,21 +48,21 @@ class _Ticket:
 class Campaign:
     """True runs of a model over a design, on one record or several.
 
-    Every finished run is on disk before the next result is awaited. A campaign that was stopped, however it was
-    stopped, goes on when the same one is run again; points appended to the design later are added to what is there.
+    Every finished run is on disk before the next result is awaited. A campaign that was stopped, for whatever reason,
+    continues when the same campaign is run again. Points that are appended to the design later are added to the store.
 
     Parameters
     ----------
     model : Model
-        Built in, external, anything with a model's face.
+        Any model, built in or external.
     records : Excitation or sequence of Excitation
-        What drives it.
+        The records that drive the model.
     design : Design
         The points.
     store : path-like, optional
-        The HDF5 file that is to be. Without it the runs are kept in memory, and lost with the process.
+        The HDF5 file to write. Without it the runs are kept in memory, and are lost with the process.
     assignment : "cycle" or sequence of int or str, optional
-        With several records: which of them drives which run, by place or name; ``"cycle"`` deals them out in turn.
+        With several records: the record of each run, by number or name; ``"cycle"`` takes the records in turn.
 
     Examples
     --------
@@ -100,7 +103,7 @@ class Campaign:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What the runs depend on beside the points: model, space, records, channels."""
+        """Everything except the points that the runs depend on: model, space, records, channels."""
         return {
             "model": self.model.content_hash,
             "space": self.design.space.content_hash,
@@ -123,30 +126,30 @@ class Campaign:
         ----------
         executor : None, str, concurrent.futures.Executor or distributed.Client
             ``"serial"`` (the default), ``"processes"``, ``"processes:4"``, the address of a Dask scheduler (``"tcp://…"``), or
-            an executor of the caller's. Built-in models run in batches on this machine and take none.
+            an executor object. Built-in models run in batches on this machine and need none.
         retry : bool
-            Do runs again that failed, timed out or diverged before.
+            Repeat the stored runs that failed, timed out or diverged.
         attempts : int
-            How often a run that fails or times out is tried, earlier attempts that are stored included.
+            Largest number of attempts for a run that fails or times out, including earlier attempts that are stored.
         adopt : bool
-            Keep the stored runs of another version of the model, which would be refused otherwise: after a solver has been mended,
-            say, in a way that leaves the runs it has done as they are.
+            Keep the stored runs of another version of the model, which is an error otherwise. Useful, for example, after a bug fix
+            in a solver that does not change the runs it has already done.
         progress : callable, optional
-            Told how many runs have ended, of how many, and how many of them failed.
+            Called with the number of runs that have ended, the total, and the number of failed runs.
 
         Returns
         -------
         Runs
-            In the design's order.
+            The runs, in the order of the design.
 
         Raises
         ------
         StoreMismatchError
             If the store belongs to another model, record or space, or holds points that this design lacks.
         CampaignStoppedError
-            If the executor broke down; what is finished is stored.
+            If the executor broke down; finished runs are stored.
         KeyboardInterrupt
-            On Ctrl-C, with how to go on in its message.
+            On Ctrl-C; the message says how to continue.
         """
         if attempts < 1:
             raise InputError("Campaign.run: attempts", f"{attempts}", "1 or more")
@@ -160,37 +163,35 @@ class Campaign:
             if todo:
                 store.describe(self.keys, self.design.values, self.record_of_run)
                 count = _Counter(store, self.keys, todo, progress)
-                if isinstance(self.model, ExternalModel):
+                if self.model.guarded:
                     self._one_by_one(store, todo, count, executor, attempts, retry)
                 else:
                     self._in_batches(store, todo, count)
             return store.finish(self.keys, self.design.values, self.record_of_run)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt(f"Stopped: {self._progress_in(store)}. {self._how_to_go_on}") from None
+            raise KeyboardInterrupt(f"Stopped: {self._progress_in(store)}. {self._how_to_continue}") from None
         except CampaignStoppedError as problem:
             raise CampaignStoppedError(
-                f"Stopped: {problem}. {self._progress_in(store)}. {self._how_to_go_on}"
+                f"Stopped: {problem}. {self._progress_in(store)}. {self._how_to_continue}"
             ) from problem
         finally:
             store.close()
 
     @property
-    def _how_to_go_on(self) -> str:
-        return (
-            "Run the same campaign again to go on from there."
-            if self.store is not None
-            else "They were in memory only and are lost."
-        )
+    def _how_to_continue(self) -> str:
+        if self.store is None:
+            return "They were in memory only and are lost."
+        return "Run the same campaign again to go on from there."
 
     def _progress_in(self, store: RunStore | MemoryStore) -> str:
         return f"{len(store.rows)} of {len(self.keys)} runs are stored"
 
     def _is_part_of(self, store: RunStore | MemoryStore) -> bool:
-        """Whether the store holds every point of this design, and others."""
+        """Whether the store contains every run of this design, and other runs."""
         return set(self.keys) < set(store.rows)
 
     def _selected(self) -> Runs:
-        """Pick the design's runs out of a store that holds more."""
+        """Select the runs of the design from a store that contains more."""
         assert self.store is not None
         runs = open_runs(self.store)
         hashes = [r.content_hash for r in runs.records]
@@ -205,11 +206,11 @@ class Campaign:
                 f"it holds {len(strangers)} runs at points that this design of {len(self.keys)} lacks",
                 "the stored design, or a longer one that contains it",
                 "Append points with design + more; a 'sobol' or 'random' design of more points contains the shorter one, a Latin "
-                "hypercube does not. Or name another store; this one has not been touched.",
+                "hypercube does not. Or name another store; this one has not been changed.",
             )
 
     def _todo(self, store: RunStore | MemoryStore, retry: bool, attempts: int) -> list[_Ticket]:
-        """What is not stored, what was stopped between two attempts, and what is to be done again."""
+        """Runs that are not stored, that have attempts left, or that are to be repeated."""
         tickets = []
         for row, key in enumerate(self.keys):
             stored = store.rows.get(key)
@@ -245,11 +246,11 @@ class Campaign:
         attempts: int,
         retry: bool,
     ) -> None:
-        assert isinstance(self.model, ExternalModel)
-        calls = [packed(self.model, record) for record in self.records]
+        model = as_guarded(self.model)
+        calls = [packed(model, record) for record in self.records]
         with opened(executor) as pool:
             waiting = list(reversed(todo))
-            # A run that was stopped between two attempts has the rest of them; one that is done again has all of them.
+            # A run that was stopped between two attempts gets its remaining attempts; a repeated run gets all of them.
             last = {t.row: max(attempts, t.attempts + (attempts - 1 if retry else 0)) for t in todo}
             while waiting or pool.busy:
                 while waiting and pool.room > 0:
@@ -260,18 +261,17 @@ class Campaign:
                 count.add([f for f in finished if not any(self.keys[t.row] == f.key for t in again)])
 
     def _submit(self, pool: Pool, ticket: _Ticket, calls: list[PackedCall]) -> None:
-        assert isinstance(self.model, ExternalModel)
         number = self.record_of_run[ticket.row]
-        task = self.model.task(self.theta[ticket.row], self.records[number], ticket.attempts)
+        task = as_guarded(self.model).task(self.theta[ticket.row], self.records[number], ticket.attempts)
         pool.submit(ticket, attempt, calls[number], task)
 
     def _take(self, pool: Pool, last: dict[int, int]) -> tuple[list[Finished], list[_Ticket]]:
-        """Take what has ended; say what is to be tried again."""
+        """Take the runs that have ended, and list those to be tried again."""
         finished, again = [], []
         for ticket, outcome in pool.finished():
             if isinstance(outcome, LostWorkerError):
                 nothing = np.full((len(self.records[self.record_of_run[ticket.row]]), len(self.model.channels)), np.nan)
-                outcome = Outcome(nothing, Status.FAILED, f"it took every worker down that tried it: {outcome}", 0.0)
+                outcome = Outcome(nothing, Status.FAILED, f"it killed every worker that tried it: {outcome}", 0.0)
             finished.append(Finished(self.keys[ticket.row], outcome, ticket.attempts))
             if outcome.status in TRIED_AGAIN and ticket.attempts < last[ticket.row]:
                 again.append(_Ticket(ticket.row, ticket.attempts + 1))
@@ -279,7 +279,7 @@ class Campaign:
 
 
 class _Counter:
-    """Counts what has ended, for a progress bar."""
+    """Counts the runs that have ended and those that failed, for a progress bar."""
 
     def __init__(
         self, store: RunStore | MemoryStore, keys: list[str], todo: list[_Ticket], progress: CampaignProgress | None
@@ -287,18 +287,18 @@ class _Counter:
         pending = {keys[t.row] for t in todo}
         stored = [row for key, row in store.rows.items() if key not in pending]
         self.done, self.total, self.progress = len(stored), len(keys), progress
-        self.failed = sum(row.status != Status.DONE for row in stored)
+        self.failed = sum(Status(row.status).run_failed for row in stored)
         self.add([])
 
     def add(self, finished: Sequence[Finished]) -> None:
         self.done += len(finished)
-        self.failed += sum(f.outcome.status != Status.DONE for f in finished)
+        self.failed += sum(Status(f.outcome.status).run_failed for f in finished)
         if self.progress is not None:
             self.progress(self.done, self.total, self.failed)
 
 
 def _keys(points: np.ndarray, record_hashes: list[str]) -> list[str]:
-    """Name each run by what it is of: its point and its record; the second run at the same point is another one."""
+    """Key of each run from its point and its record; further runs at the same point get different keys."""
     seen: Counter[str] = Counter()
     keys = []
     for point, record in zip(points, record_hashes, strict=True):

@@ -1,24 +1,20 @@
-"""Runs on disk while a campaign goes on: a checksummed journal, sealed into HDF5 segments, put together into one file at the end.
+"""The store of a campaign's runs: a checksummed journal, sealed into HDF5 segments, merged into one file at the end.
 
-An HDF5 file that is being appended to does not survive a kill or a full disk. So every finished run goes first to a journal; a full
-journal is sealed into a segment, written whole and renamed; at the end the segments become one file, in the design's order:
+An HDF5 file does not survive a kill or a full disk while it is being extended. So every finished run goes to a journal first. A
+full journal is sealed into a segment, which is written under another name and renamed when it is complete. At the end the
+segments become one file, in the order of the design:
 
-    runs.h5.parts/design           the points, and what all runs share
-    runs.h5.parts/journal          the newest runs, each on disk before the next result is awaited
+    runs.h5.parts/design             the points, and what all runs share
+    runs.h5.parts/journal            the newest runs, each on disk before the next result is awaited
     runs.h5.parts/segment-000001.h5  sealed runs
-    runs.h5                        all runs, when the campaign has ended; the parts are gone then
+    runs.h5                          all runs, after the end of the campaign; the parts are removed then
 """
 
 from __future__ import annotations
 
-import contextlib
-import errno
-import fcntl
-import json
 import os
 import shutil
-import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,56 +22,44 @@ from typing import Any
 import numpy as np
 
 from structid.campaign import run_file
+from structid.campaign.journal_entries import (
+    Finished,
+    design_entry,
+    journalled_rows,
+    read_design,
+    rows_of,
+    runs_entry,
+)
+from structid.campaign.parts import disk_errors_explained, lock, next_segment, parts_of, run_files_of
 from structid.campaign.run_file import Header, Row
-from structid.errors import InputError, Status, StoreError
+from structid.errors import InputError, Status
 from structid.journal import Journal, compare_identity, differences
-from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.solvers.external import Outcome
 
 CAMPAIGN_RUNS = "runs.h5"
-"""File of a study's folder with the runs of its campaign."""
+"""File with the runs of a campaign, in the folder of its study."""
 CALIBRATION_FOLDER, CALIBRATION_RUNS = "calibration", "true_runs.h5"
-"""Folder of a study's folder with its calibration, and file of that with the runs."""
+"""Folder of a calibration in the folder of its study, and the file with the runs in it."""
 SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 
 
-@dataclass(frozen=True)
-class Finished:
-    """A run that has ended, on its way to the store.
-
-    Parameters
-    ----------
-    key : str
-        Stands for parameters and record.
-    outcome : Outcome
-        What became of it.
-    attempts : int
-        How often it was tried.
-    """
-
-    key: str
-    outcome: Outcome
-    attempts: int
-
-
 class RunStore:
-    """Where a campaign's runs are kept.
+    """The runs of a campaign, on disk.
 
     Parameters
     ----------
     path : path-like
-        The HDF5 file that is to be; its parts lie beside it.
+        The final HDF5 file; its parts are in a folder beside it.
     header : Header
-        What the runs share; a store of anything else is refused.
+        What the runs share; a store with another header is refused.
     adopt : bool
         Take over the runs of another version of the model, if nothing else differs.
 
     Raises
     ------
     StoreMismatchError
-        If the store belongs to something else; it is left alone.
+        If the store belongs to something else; it is not changed.
     InputError
         If another process is writing to it.
     """
@@ -87,27 +71,27 @@ class RunStore:
         other = [] if found is None else differences(found, header.identity)
         if found is not None and other != (["model"] if adopt else []):
             compare_identity(self.path, found, header.identity)
-        with _plain_errors(self.path):
+        with disk_errors_explained(self.path):
             self.parts.mkdir(parents=True, exist_ok=True)
-            self._lock = _locked(self.parts, self.path)
+            self._lock = lock(self.parts, self.path)
         if other:
             self._take_over()
         self._journal = Journal(self.parts / "journal", header.identity)
         self._designs = Journal(self.parts / "design", header.identity)
         self.rows: dict[str, Row] = {}
-        for file in _files_of(self.path):
+        for file in run_files_of(self.path):
             self.rows.update(run_file.read_rows(file))
-        for rows in _journalled(self._journal):
+        for rows in journalled_rows(self._journal):
             self.rows.update(rows)
 
     def _found(self) -> dict[str, Any] | None:
-        """Identity of what is there, if anything is."""
+        """Identity of the store on disk, or None."""
         if (self.parts / "design").exists():
             return Journal.read(self.parts / "design").identity
         return run_file.read_header(self.path)[0].identity if self.path.exists() else None
 
     def _take_over(self) -> None:
-        """Put what another version of the model has done into one file under this one's name."""
+        """Merge the runs of another version of the model into one file with the identity of this version."""
         stored = _stored(self.path)
         run_file.write(self.path, self.header, stored.theta, stored.record_of_run, stored.rows)
         for part in self.parts.iterdir():
@@ -115,7 +99,7 @@ class RunStore:
                 part.unlink()
 
     def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
-        """Put the design on disk, so that what is pending is known to whoever opens the store.
+        """Write the design to disk, so that every reader of the store knows which runs are pending.
 
         Parameters
         ----------
@@ -124,21 +108,13 @@ class RunStore:
         theta : ndarray, shape (run, parameter)
             Points in SI.
         record_of_run : ndarray of int, shape (run,)
-            Which record drives each.
+            Number of the record of each run.
         """
-        with _plain_errors(self.path):
-            self._designs.append(
-                {
-                    "key": np.array(keys, dtype="S16"),
-                    "theta": theta,
-                    "record_of_run": record_of_run,
-                    "excitation": np.concatenate([r.values for r in self.header.records]),
-                    "told": np.array(_told(self.header)),
-                }
-            )
+        with disk_errors_explained(self.path):
+            self._designs.append(design_entry(self.header, keys, theta, record_of_run))
 
     def append(self, finished: Sequence[Finished]) -> None:
-        """Put finished runs on disk; they are safe there when this returns.
+        """Write finished runs to disk; they are safe there when this returns.
 
         Parameters
         ----------
@@ -148,40 +124,35 @@ class RunStore:
         Raises
         ------
         StoreError
-            If the disk is full or gone; what was stored before is safe.
+            If the disk is full or fails; the runs stored before are safe.
         """
         if not finished:
             return
-        entry = _entry(finished, self.header)
-        with _plain_errors(self.path):
+        entry = runs_entry(finished, self.header)
+        with disk_errors_explained(self.path):
             self._journal.append(entry)
-        # What is known of them stays in memory, their histories do not.
-        self.rows.update(_rows_of(entry, source=None))
+        # The rows stay in memory, the histories do not.
+        self.rows.update(rows_of(entry, source=None))
         if self._journal.size > SEGMENT_BYTES:
             self._seal()
 
     def _seal(self) -> None:
         """Turn the journal into a segment."""
         rows: dict[str, Row] = {}
-        for some in _journalled(self._journal):
+        for some in journalled_rows(self._journal):
             rows.update(some)
         if rows:
-            _, keys, theta, record_of_run = _design_in(self._designs, self.path)
+            _, keys, theta, record_of_run = read_design(self._designs, self.path)
             place = {key: i for i, key in enumerate(keys)}
             points = [place[key] for key in rows]
-            segment = self._next_segment()
+            segment = next_segment(self.path)
             run_file.write(segment, self.header, theta[points], record_of_run[points], list(rows.values()))
             self.rows.update(run_file.read_rows(segment))
-        with _plain_errors(self.path):
+        with disk_errors_explained(self.path):
             self._journal.remove()
 
-    def _next_segment(self) -> Path:
-        """Name the next segment: never one that is there, even where a kill has left some of an earlier campaign's."""
-        last = max((int(p.stem.partition("-")[2]) for p in segments_of(self.path)), default=0)
-        return self.parts / f"segment-{last + 1:06d}.h5"
-
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
-        """Put everything together into one file, in the design's order, and remove the parts.
+        """Merge everything into one file, in the order of the design, and remove the parts.
 
         Parameters
         ----------
@@ -190,33 +161,33 @@ class RunStore:
         theta : ndarray, shape (run, parameter)
             Points in SI.
         record_of_run : ndarray of int, shape (run,)
-            Which record drove each.
+            Number of the record of each run.
 
         Returns
         -------
         Runs
-            Lying in that file.
+            The runs in that file.
         """
         self._seal()
         rows = _in_order(self.rows, keys)
         if any(r.source is not None and r.source.path != self.path for r in rows) or not _holds(self.path, keys):
             run_file.write(self.path, self.header, theta, record_of_run, rows)
-        # While the lock is held: nobody else may have begun to fill the parts.
+        # Removed while the lock is held, so that no other process can have started to fill the folder.
         shutil.rmtree(self.parts, ignore_errors=True)
         self.close()
         return open_runs(self.path)
 
     def close(self) -> None:
-        """Let go of the store; everything stays as it is."""
+        """Release the store; nothing in it changes."""
         if self._lock is not None:
-            if [p.name for p in self.parts.glob("*")] == ["lock"]:  # nothing was begun
+            if [p.name for p in self.parts.glob("*")] == ["lock"]:  # nothing was written
                 shutil.rmtree(self.parts, ignore_errors=True)
             os.close(self._lock)
             self._lock = None
 
 
 class MemoryStore:
-    """Runs of a campaign without a file: lost with the process.
+    """The runs of a campaign without a file; they are lost with the process.
 
     Parameters
     ----------
@@ -229,12 +200,12 @@ class MemoryStore:
         self.rows: dict[str, Row] = {}
 
     def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
-        """Nothing is told; see `RunStore.describe`.
+        """Do nothing; see `RunStore.describe`.
 
         Parameters
         ----------
         keys, theta, record_of_run
-            As there.
+            As for `RunStore.describe`.
         """
 
     def append(self, finished: Sequence[Finished]) -> None:
@@ -246,16 +217,16 @@ class MemoryStore:
             Runs that have ended.
         """
         if finished:
-            entry = _entry(finished, self.header)
-            self.rows.update(_rows_of(entry, InMemory(entry["values"])))
+            entry = runs_entry(finished, self.header)
+            self.rows.update(rows_of(entry, InMemory(entry["values"])))
 
     def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
-        """Give what there is; see `RunStore.finish`.
+        """Return the runs in the order of the design; see `RunStore.finish`.
 
         Parameters
         ----------
         keys, theta, record_of_run
-            As there.
+            As for `RunStore.finish`.
 
         Returns
         -------
@@ -266,74 +237,21 @@ class MemoryStore:
         return run_file.as_runs(self.header, theta, record_of_run, rows, _Scattered(rows, self.header), None)
 
     def close(self) -> None:
-        """Nothing to let go of."""
-
-
-def printable(text: str) -> str:
-    """Make a text fit to be stored: whatever a solver prints, no file format chokes on it.
-
-    Parameters
-    ----------
-    text : str
-        What was said.
-
-    Returns
-    -------
-    str
-        The same, characters that cannot be printed replaced, tabs and line ends kept.
-    """
-    return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)
-
-
-def parts_of(path: Path) -> Path:
-    """Return the folder of a store's parts.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    Path
-        ``runs.h5.parts``.
-    """
-    return path.with_name(path.name + ".parts")
-
-
-def segments_of(path: Path) -> list[Path]:
-    """Return the sealed segments of a store, oldest first.
-
-    Parameters
-    ----------
-    path : Path
-        The store.
-
-    Returns
-    -------
-    list of Path
-        The files.
-    """
-    return sorted(parts_of(path).glob("segment-*.h5"))
-
-
-def _files_of(path: Path) -> list[Path]:
-    """The finished file and the segments, oldest first."""
-    return [p for p in (path, *segments_of(path)) if p.exists()]
+        """Do nothing: there is nothing to release."""
 
 
 def open_runs(path: str | os.PathLike[str]) -> Runs:
-    """Open the runs of a campaign to read them, finished or not; nothing on disk is changed.
+    """Open the runs of a campaign for reading, whether it has ended or not; nothing on disk is changed.
 
     Parameters
     ----------
     path : path-like
-        The campaign's store.
+        The store of the campaign, or the folder of a study.
 
     Returns
     -------
     Runs
-        In the design's order. Of a campaign that has not ended, runs without a result are pending.
+        In the order of the design. Runs without a result are pending.
 
     Raises
     ------
@@ -358,7 +276,7 @@ def open_runs(path: str | os.PathLike[str]) -> Runs:
 
 @dataclass(frozen=True, eq=False)
 class _Stored:
-    """Everything a store holds, one row for each point of its design."""
+    """The content of a store, one row for each point of its design."""
 
     header: Header
     theta: np.ndarray
@@ -367,7 +285,7 @@ class _Stored:
 
 
 def _settled(path: Path) -> _Stored:
-    """Read a store that may be written to meanwhile: again, if parts of it were sealed or put together under our eyes."""
+    """Read a store while another process may write to it; read again if its files have changed in the meantime."""
     for _ in range(20):
         before = _layout(path)
         try:
@@ -383,83 +301,27 @@ def _settled(path: Path) -> _Stored:
 
 def _layout(path: Path) -> list[str]:
     journal = parts_of(path) / "journal"
-    return [str(p) for p in (*_files_of(path), journal) if p.exists()]
+    return [str(p) for p in (*run_files_of(path), journal) if p.exists()]
 
 
 def _stored(path: Path) -> _Stored:
     parts = parts_of(path)
     found: dict[str, Row] = {}
-    for file in _files_of(path):
+    for file in run_files_of(path):
         found.update(run_file.read_rows(file))
     if (parts / "design").exists():
-        header, keys, theta, record_of_run = _design_in(Journal.read(parts / "design"), path)
+        header, keys, theta, record_of_run = read_design(Journal.read(parts / "design"), path)
     else:
         header, theta, record_of_run = run_file.read_header(path)
-        keys = _keys_in(path)
+        keys = run_file.read_keys(path)
     if (parts / "journal").exists():
-        for some in _journalled(Journal.read(parts / "journal")):
+        for some in journalled_rows(Journal.read(parts / "journal")):
             found.update(some)
     return _Stored(header, theta, record_of_run, _in_order(found, keys))
 
 
-# --- entries of the journal -----------------------------------------------------------------------------------------
-
-
-def _told(header: Header) -> str:
-    """What a reader of the journal alone needs to know."""
-    return json.dumps(
-        {
-            "space": header.space.to_plain(),
-            "records": [r.to_plain() for r in header.records],
-            "samples": [len(r) for r in header.records],
-            "channels": header.channels,
-        }
-    )
-
-
-def _design_in(journal: Journal, path: Path) -> tuple[Header, list[str], np.ndarray, np.ndarray]:
-    entries = list(journal)
-    if not entries:
-        raise InputError(
-            f"{path}", "its campaign was stopped before it began", "a store with runs", "Run the campaign again."
-        )
-    entry = entries[-1]  # a design that grew was told again
-    told = json.loads(str(entry["told"]))
-    ends = np.cumsum(told["samples"])
-    parts = np.split(entry["excitation"], ends[:-1])
-    records = tuple(run_file.record_from_plain(p, v) for p, v in zip(told["records"], parts, strict=True))
-    header = Header(journal.identity, ParameterSpace.from_plain(told["space"]), records, tuple(told["channels"]))
-    return header, [k.decode() for k in entry["key"]], entry["theta"], entry["record_of_run"].astype(int)
-
-
-def _journalled(journal: Journal) -> Iterator[dict[str, Row]]:
-    """Rows of every entry of a journal, their histories in memory."""
-    for entry in journal:
-        yield _rows_of(entry, InMemory(entry["values"]))
-
-
-def _entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
-    """Runs that have ended, as they are journalled: one text and one array, since each array costs as much as 1000 numbers."""
-    values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
-    told = []
-    for row, run in zip(values, finished, strict=True):
-        o = run.outcome
-        row[: len(o.values)] = o.values
-        reason = printable(o.reason)
-        told.append([run.key, int(o.status), reason, o.failure_time, o.seconds, run.attempts, time.time()])
-    return {"told": np.array(json.dumps(told)), "values": values}
-
-
-def _rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
-    rows = {}
-    for position, told in enumerate(json.loads(str(entry["told"]))):
-        key, status, reason, failure_time, seconds, attempts, finished = told
-        rows[key] = Row(key, status, reason, failure_time, seconds, attempts, finished, source, position)
-    return rows
-
-
 def _in_order(rows: Mapping[str, Row], keys: Sequence[str]) -> list[Row]:
-    """A row for each key; pending where there is none."""
+    """The row of each key, or a pending one."""
     return [rows.get(key) or _pending(key) for key in keys]
 
 
@@ -469,7 +331,7 @@ def _pending(key: str) -> Row:
 
 @dataclass(frozen=True, eq=False)
 class _Scattered:
-    """Histories that lie in several places."""
+    """Histories from several sources."""
 
     rows: Sequence[Row]
     header: Header
@@ -491,57 +353,5 @@ class _Scattered:
         return values
 
 
-def _keys_in(path: Path) -> list[str]:
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        return [k.decode() for k in file["key"][...]]
-
-
 def _holds(path: Path, keys: Sequence[str]) -> bool:
-    return path.exists() and _keys_in(path) == list(keys)
-
-
-# --- the file system ------------------------------------------------------------------------------------------------
-
-
-def _locked(folder: Path, path: Path) -> int | None:
-    """Hold a folder against a second writer; the system lets it go when this process ends, however it ends."""
-    # A file of its own, open for writing: network file systems lock nothing else.
-    handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise InputError(
-            f"store {path}",
-            "another process is running this campaign",
-            "one writer at a time",
-            "Wait for it, or stop it.",
-        ) from None
-    except OSError:  # a file system without locks
-        os.close(handle)
-        return None
-    try:
-        same = os.path.samestat(os.fstat(handle), (folder / "lock").stat())
-    except FileNotFoundError:
-        same = False
-    if not same:  # its last owner has just finished and removed it
-        os.close(handle)
-        folder.mkdir(parents=True, exist_ok=True)
-        return _locked(folder, path)
-    return handle
-
-
-@contextlib.contextmanager
-def _plain_errors(path: Path) -> Iterator[None]:
-    """Say what a full or broken disk means for the campaign."""
-    try:
-        yield
-    except OSError as problem:
-        full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-        what, cure = ("there is no room left", "Free some space") if full else ("it cannot be written", "Repair that")
-        raise StoreError(
-            f"{path}: {what} ({problem.strerror}). Every run that was stored before is safe. {cure} and run the same campaign "
-            "again: it goes on from there."
-        ) from problem
+    return path.exists() and run_file.read_keys(path) == list(keys)

@@ -1,1 +1,1 @@
-"""Figures: pure functions of arrays and names; `.plot()` of any object calls down to them."""
+"""Figures: pure functions of arrays and names, called by the `.plot()` of objects."""

@@ -1,4 +1,4 @@
-"""Figures of a sequential calibration: how its surrogates came to agree with the model."""
+"""Figures of calibrations: log weights over the rounds of a sequential one, ranks of a simulation-based calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGEST_SHOWN = 30.0
-"""Log weights beyond ± this are drawn there, as triangles."""
+"""Log weights larger than this in magnitude are drawn at this limit, as triangles."""
 
 
 @styled
@@ -29,18 +29,18 @@ def rounds(
     Parameters
     ----------
     training : sequence of int
-        Runs each round's surrogate was fitted to.
+        Number of runs to which the surrogate of each round was fitted.
     log_weights : sequence of ndarray, shape (draw,)
-        log π_true/π_surrogate; −∞ where a true run failed.
+        log π_true/π_surrogate of each round; −∞ where a true run failed.
     spread : float
-        Standard deviation that a certificate allows.
+        Standard deviation of the log weights that a certificate allows.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        One panel, a column a round.
+        One panel with a column for each round.
     """
     from matplotlib.figure import Figure
 
@@ -52,7 +52,7 @@ def rounds(
         finite = np.isfinite(weights)
         middle = np.median(weights[finite]) if finite.any() else 0.0
         places = np.where(finite, weights - middle, -np.inf)
-        # A golden-ratio jitter: no two neighbours hide one another.
+        # A golden-ratio jitter, so that neighbouring points do not hide each other.
         across = column + 0.5 * ((np.arange(len(weights)) * 0.618) % 1.0 - 0.5)
         shown = np.clip(places, -LARGEST_SHOWN, LARGEST_SHOWN)
         beyond = np.abs(places) > LARGEST_SHOWN
@@ -79,22 +79,22 @@ def ranks(
     Parameters
     ----------
     names : sequence of str
-        Parameters.
+        Names of the parameters.
     counts : ndarray, shape (parameter, bin)
-        Replicas in each bin.
+        Number of replicas in each bin.
     replicas : int
-        How many there are.
+        Total number of replicas.
     half, most : ndarray, shape (parameter,)
-        Shares of the replicas whose 50 and 90 % intervals hold the truth.
+        Fractions of the replicas whose 50 and 90 % intervals contain the truth.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        A panel a parameter; the band holds 99 % of the bins of uniform ranks.
+        One panel for each parameter. The grey band contains 99 % of the bins if the ranks are uniform.
     """
-    from scipy.stats import binom
+    from scipy.stats import binom  # takes longer to import than all other figures together
 
     bins = counts.shape[1]
     low, high = binom.ppf([0.005, 0.995], replicas, 1.0 / bins)

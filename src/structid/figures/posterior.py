@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 
 
 MOST_BARS = 400
-"""Walkers beyond which their rates are counted, not drawn one by one."""
+"""Beyond this number of walkers, a histogram of their acceptance rates is drawn instead of a bar for each."""
 SLIVER = 0.01
-"""Share of the prior's range below which a posterior is too thin to be seen in it, and is marked by a line."""
+"""Below this fraction of the prior's range a posterior is too narrow to be seen there, and a line marks its mean."""
 
 
 def _label(name: str, unit: str) -> str:
@@ -41,7 +41,7 @@ def _label(name: str, unit: str) -> str:
 
 
 def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Powers of ten for every parameter, and its unit with them."""
+    """A power of ten for every parameter, and its unit with that power."""
     chosen = [in_powers_of_ten(unit, draws[:, i]) for i, unit in enumerate(units)]
     return np.array([c[0] for c in chosen]), [c[1] for c in chosen]
 
@@ -63,7 +63,7 @@ def marginals(
     Parameters
     ----------
     names, units : sequence of str
-        Parameters and their units.
+        Names of the parameters and their units.
     prior, posterior : ndarray, shape (draw, parameter)
         Draws in display units.
     supports : sequence of pair of float
@@ -71,16 +71,16 @@ def marginals(
     best : ndarray, shape (parameter,)
         MAP estimate in display units.
     truth : dict of str to float, optional
-        True values of a virtual experiment, in display units.
+        True values of a virtual experiment in display units.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        For each parameter the prior's range, and the posterior enlarged.
+        For each parameter one panel with the prior's range, and one with the posterior enlarged.
     """
     truth = truth or {}
     count = len(names)
@@ -90,35 +90,9 @@ def marginals(
     truth = {name: value / scales[list(names).index(name)] for name, value in truth.items()}
     figure, axes = canvas(count, 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
-        draws, before = posterior[:, i], prior[:, i]
         wide, close = axes[i]
-        low, high = supports[i]
-        p_low, p_high = np.quantile(before, [0.001, 0.999])
-        d_low, d_high = np.quantile(draws, [0.0005, 0.9995])
-        span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
-        wide.hist(
-            before, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples"
-        )
-        wide.plot(span, density(before, span, low, high), color=PRIOR, label="prior")
-        twin = wide.twinx()
-        twin.fill_between(span, density(draws, span, low, high), color=MODEL, alpha=0.7, lw=0)
-        twin.set_ylim(bottom=0.0)
-        if d_high - d_low < SLIVER * (span[-1] - span[0]):
-            wide.axvline(draws.mean(), color=MODEL, lw=1.8)
-        for axis in (wide, twin):
-            axis.set_yticks([])
-            axis.grid(False)
-        margin = 0.25 * (d_high - d_low)
-        near = np.linspace(max(d_low - margin, low), min(d_high + margin, high), 400)
-        close.fill_between(near, density(draws, near, low, high), color=MODEL, alpha=0.35, lw=0, label="posterior")
-        close.plot(near, density(before, near, low, high), color=PRIOR, label="prior")
-        close.axvline(best[i], color=MODEL, lw=1.0, label="MAP")
-        if name in truth and near[0] <= truth[name] <= near[-1]:
-            close.axvline(truth[name], color="k", lw=0.8, ls=":", label="truth")
-        if name in truth and span[0] <= truth[name] <= span[-1]:
-            wide.axvline(truth[name], color="k", lw=0.8, ls=":")
-        close.set_yticks([])
-        close.set_ylim(bottom=0.0)
+        _prior_range(wide, prior[:, i], posterior[:, i], supports[i], truth.get(name))
+        _posterior_range(close, prior[:, i], posterior[:, i], supports[i], best[i], truth.get(name))
         for axis in (wide, close):
             axis.set_xlabel(_label(name, unit))
             axis.locator_params(axis="x", nbins=5)
@@ -126,6 +100,48 @@ def marginals(
     axes[0, 1].set_title("where the posterior is", loc="left")
     axes[0, 1].legend(loc="upper left")
     return finish(figure, title, save)
+
+
+def _prior_range(
+    axis: Axes, prior: np.ndarray, posterior: np.ndarray, support: tuple[float, float], truth: float | None
+) -> None:
+    """Draw prior and posterior over the whole range of the prior; each density has its own scale."""
+    p_low, p_high = np.quantile(prior, [0.001, 0.999])
+    d_low, d_high = np.quantile(posterior, [0.0005, 0.9995])
+    span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
+    axis.hist(prior, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples")
+    axis.plot(span, density(prior, span, *support), color=PRIOR, label="prior")
+    twin = axis.twinx()
+    twin.fill_between(span, density(posterior, span, *support), color=MODEL, alpha=0.7, lw=0)
+    twin.set_ylim(bottom=0.0)
+    if d_high - d_low < SLIVER * (span[-1] - span[0]):
+        axis.axvline(posterior.mean(), color=MODEL, lw=1.8)
+    for each in (axis, twin):
+        each.set_yticks([])
+        each.grid(False)
+    if truth is not None and span[0] <= truth <= span[-1]:
+        axis.axvline(truth, color="k", lw=0.8, ls=":")
+
+
+def _posterior_range(
+    axis: Axes,
+    prior: np.ndarray,
+    posterior: np.ndarray,
+    support: tuple[float, float],
+    best: float,
+    truth: float | None,
+) -> None:
+    """Draw prior and posterior where the posterior is."""
+    low, high = np.quantile(posterior, [0.0005, 0.9995])
+    margin = 0.25 * (high - low)
+    near = np.linspace(max(low - margin, support[0]), min(high + margin, support[1]), 400)
+    axis.fill_between(near, density(posterior, near, *support), color=MODEL, alpha=0.35, lw=0, label="posterior")
+    axis.plot(near, density(prior, near, *support), color=PRIOR, label="prior")
+    axis.axvline(best, color=MODEL, lw=1.0, label="MAP")
+    if truth is not None and near[0] <= truth <= near[-1]:
+        axis.axvline(truth, color="k", lw=0.8, ls=":", label="truth")
+    axis.set_yticks([])
+    axis.set_ylim(bottom=0.0)
 
 
 @styled
@@ -142,20 +158,20 @@ def pairs(
     Parameters
     ----------
     names, units : sequence of str
-        Parameters and their units.
+        Names of the parameters and their units.
     draws : ndarray, shape (draw, parameter)
-        In display units.
+        Draws in display units.
     best : ndarray, shape (parameter,)
-        MAP estimate.
+        MAP estimate in display units.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        A square of panels.
+        A square grid of panels.
     """
     count = len(names)
     scales, units = _scales(units, draws)
@@ -208,25 +224,25 @@ def traces(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw walkers and ensemble means against the step.
+    """Draw walkers and ensemble means over the steps.
 
     Parameters
     ----------
     names, units : sequence of str
-        Parameters and their units.
+        Names of the parameters and their units.
     history : ndarray, shape (step, ensemble, walker, parameter)
         All draws in display units.
     discarded : int
-        Steps dropped at the start.
+        Number of steps discarded at the start.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        A panel for each parameter.
+        One panel for each parameter.
     """
     scales, units = _scales(units, history.reshape(-1, len(names)))
     history = history / scales
@@ -250,7 +266,7 @@ def traces(
 
 @styled
 def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
-    """Draw the acceptance rate of every walker, or of very many how they are distributed.
+    """Draw the acceptance rate of every walker, or a histogram of the rates if there are very many walkers.
 
     Parameters
     ----------
@@ -259,7 +275,7 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -267,7 +283,7 @@ def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] 
         One panel.
     """
     figure, axes = canvas(1, 1, height=1.9)
-    draw = _spread_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
+    draw = _histogram_of_rates if rates.size > MOST_BARS else _rate_of_each_walker
     draw(axes[0, 0], rates)
     return finish(figure, title, save)
 
@@ -286,7 +302,7 @@ def _rate_of_each_walker(axis: Axes, rates: np.ndarray) -> None:
         axis.legend(ncol=4, loc="upper right")
 
 
-def _spread_of_rates(axis: Axes, rates: np.ndarray) -> None:
+def _histogram_of_rates(axis: Axes, rates: np.ndarray) -> None:
     axis.hist(list(rates), bins=40, stacked=True, color=[CYCLE[e % len(CYCLE)] for e in range(len(rates))])
     axis.axvline(np.median(rates), color="k", lw=0.8, ls=":")
     axis.set_xlim(0.0, None)
@@ -302,20 +318,20 @@ def identifiability(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw the information the data hold on each combination of parameters.
+    """Draw how much the data say about each combination of parameters.
 
     Parameters
     ----------
     names : sequence of str
-        Parameters.
+        Names of the parameters.
     eigenvalues : ndarray, shape (combination,)
-        Information relative to the prior's, falling.
+        Information in the data relative to the information in the prior, in decreasing order.
     eigenvectors : ndarray, shape (parameter, combination)
         The combinations, in prior standard deviations.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------

@@ -10,6 +10,7 @@ import numpy as np
 from structid.figures.style import ACCENT, MODEL, canvas, finish, name_axes, styled, wide_top
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
@@ -29,15 +30,15 @@ def record(
     Parameters
     ----------
     time, acceleration : ndarray, shape (time,)
-        [s], [m/s²].
+        Times [s] and ground acceleration [m/s²].
     frequency, amplitude : ndarray, shape (frequency,)
-        [Hz], [m/s].
+        Frequencies [Hz] and Fourier amplitude [m/s].
     period, pseudo_acceleration : ndarray, shape (period,)
-        [s], [m/s²].
+        Response spectrum: periods [s] and pseudo-acceleration [m/s²].
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -48,7 +49,7 @@ def record(
     top.plot(time, acceleration, color=ACCENT, lw=0.7)
     peak = int(np.argmax(np.abs(acceleration)))
     top.plot(time[peak], acceleration[peak], "o", color=MODEL, ms=4)
-    # The words stand on the side of the record where there is room.
+    # The label goes to the side of the peak where there is room.
     right = time[peak] < 0.6 * time[-1]
     top.annotate(
         f"PGA {abs(acceleration[peak]):.3g} m/s²", (time[peak], acceleration[peak]), xytext=(8 if right else -8, 0),
@@ -85,17 +86,17 @@ def filter_tuning(
     Parameters
     ----------
     time, raw : ndarray, shape (time,)
-        Before [s], [m/s²].
+        Record before the filter: times [s] and acceleration [m/s²].
     raw_frequency, raw_amplitude : ndarray, shape (frequency,)
-        Before [Hz], [m/s].
+        Spectrum before the filter: frequencies [Hz] and Fourier amplitude [m/s].
     filtered_time, filtered : ndarray, shape (time,)
-        After.
+        Record after the filter.
     filtered_frequency, filtered_amplitude : ndarray, shape (frequency,)
-        After.
+        Spectrum after the filter.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -106,7 +107,7 @@ def filter_tuning(
     peak = time[int(np.argmax(np.abs(raw)))]
     for axis, span in ((axes[0, 0], (time[0], time[-1])), (axes[1, 0], (max(peak - 1.0, 0.0), peak + 1.0))):
         axis.plot(time, raw, color=ACCENT, lw=1.0, label="before")
-        # Dashed: where the filter changes little, "before" is seen through it.
+        # Dashed, so that "before" stays visible where the filter changes little.
         axis.plot(filtered_time, filtered, color=MODEL, lw=1.0, ls=(0, (3, 2)), label="after")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), ("acceleration", "m/s²"))
@@ -119,7 +120,7 @@ def filter_tuning(
     return finish(figure, title, save)
 
 
-def _log_limits(axis: object, frequency: np.ndarray, amplitude: np.ndarray) -> None:
-    """Five decades below the peak: what lies deeper is rounding."""
-    axis.set_ylim(amplitude.max() * 1e-5, amplitude.max() * 2.0)  # type: ignore[attr-defined]
-    axis.set_xlim(max(frequency[0], 0.05), frequency[-1])  # type: ignore[attr-defined]
+def _log_limits(axis: Axes, frequency: np.ndarray, amplitude: np.ndarray) -> None:
+    """Show five decades below the peak; everything smaller is rounding error."""
+    axis.set_ylim(amplitude.max() * 1e-5, amplitude.max() * 2.0)
+    axis.set_xlim(max(frequency[0], 0.05), frequency[-1])

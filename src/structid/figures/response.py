@@ -1,4 +1,4 @@
-"""Figures of responses: histories, the four panels, loops, bands, energy."""
+"""Figures of response histories: measured, predicted with bands, energies, and the whiteness of residuals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 
 from structid.figures.style import (
     ACCENT,
-    CYCLE,
     MEASURED,
     MODEL,
     MUTED,
@@ -37,25 +36,25 @@ def histories(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histories one below the other.
+    """Draw histories, one below the other.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     columns : sequence of ndarray, shape (time,)
-        The histories in their units.
+        The histories, each in its unit.
     names, units : sequence of str
-        Of each history.
+        Name and unit of each history.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        A panel for each.
+        One panel for each history.
     """
     figure, axes = canvas(len(columns), 1, height=1.7, sharex=True)
     for axis, values, name, unit in zip(axes[:, 0], columns, names, units, strict=True):
@@ -82,7 +81,7 @@ def four_panels(
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     displacement, velocity, force : ndarray, shape (time,)
         [mm], [mm/s], [kN].
     hysteretic_energy, elastic_energy : ndarray, shape (time,)
@@ -90,7 +89,7 @@ def four_panels(
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -124,26 +123,26 @@ def bands(
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a measured history against the prediction's bands: whole, around its peak, and less the prediction itself.
+    """Draw a measured history and the bands of its prediction: whole, around its peak, and with the prediction subtracted.
 
-    Bands of a good fit are thinner than the line of the whole history; the last panel is where they can be read.
+    The bands of a good fit are thinner than a line in the first panel. They can be read in the last one.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     measured : ndarray, shape (time,), optional
         The measurement.
     best : ndarray, shape (time,)
         Prediction at the MAP estimate.
     inner, outer : pair of ndarray, shape (time,)
-        90 % bands of the model's response, and with discrepancy.
+        Lower and upper edge of the 90 % bands: of the model's response, and with discrepancy.
     name, unit : str
-        Of the channel.
+        Name and unit of the channel.
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -163,7 +162,7 @@ def bands(
             axis.plot(
                 time, measured - base, color=MEASURED, lw=0.8 if axis is not axes[2, 0] else 0.4, label="measured"
             )
-        # Dashed above the measurement: in a good fit the two are one line.
+        # Dashed on top of the measurement, because the two lines coincide in a good fit.
         axis.plot(time, best - base, color=MODEL, lw=0.9, ls="-" if measured is None else (0, (4, 3)), label="MAP")
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), (pretty(name), pretty_unit(unit)))
@@ -176,54 +175,6 @@ def bands(
 
 def _band(axis: Axes, time: np.ndarray, edges: tuple[np.ndarray, np.ndarray], strength: float, what: str) -> None:
     axis.fill_between(time, *edges, color=MODEL, alpha=strength, lw=0, label=what)
-
-
-@styled
-def loops(
-    measured: tuple[np.ndarray, np.ndarray] | None,
-    model: tuple[np.ndarray, np.ndarray],
-    title: str = "",
-    save: str | os.PathLike[str] | None = None,
-    names: tuple[str, str] = ("measured", "identified"),
-    draws: Sequence[tuple[np.ndarray, np.ndarray]] = (),
-) -> Figure:
-    """Draw hysteresis loops: measured, model, and one over the other.
-
-    Parameters
-    ----------
-    measured, model : pair of ndarray, shape (time,)
-        Displacement [mm] and force [kN]; the measured one may be missing.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without ending.
-    names : pair of str
-        What to call the two.
-    draws : sequence of pairs of ndarray
-        Loops of further draws, thin behind the model's.
-
-    Returns
-    -------
-    Figure
-        Three panels, or one without a measurement.
-    """
-    panels = 3 if measured is not None else 1
-    figure, axes = canvas(1, panels, height=2.7, width=7.4 if panels > 1 else 4.2, sharex=True, sharey=True)
-    for axis in axes[0, (1 if measured is not None else 0) :]:
-        for u, f in draws:
-            axis.plot(u, f, color=MODEL, lw=0.3, alpha=0.12)
-    if measured is not None:
-        for axis in (axes[0, 0], axes[0, 2]):
-            axis.plot(*measured, color=MEASURED, lw=0.7)
-        axes[0, 0].set_title(names[0])
-        axes[0, 2].set_title("superposed")
-        axes[0, 1].set_title(names[1])
-    for axis in axes[0, 1:] if measured is not None else axes[0]:
-        axis.plot(*model, color=MODEL, lw=0.7)
-    for axis in axes[0]:
-        axis.set_xlabel("displacement [mm]")
-    axes[0, 0].set_ylabel("restoring force [kN]")
-    return finish(figure, title, save)
 
 
 @styled
@@ -240,17 +191,17 @@ def energy(
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     measured : ndarray, shape (time,), optional
-        Known energy [J], in a virtual experiment.
+        True energy [J], known in a virtual experiment.
     best : ndarray, shape (time,)
-        At the MAP estimate [J].
+        Energy at the MAP estimate [J].
     band : pair of ndarray, shape (time,)
-        90 % band [J].
+        Lower and upper edge of the 90 % band [J].
     title : str
         Title.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -270,122 +221,6 @@ def energy(
 
 
 @styled
-def identified(
-    time: np.ndarray,
-    measured: np.ndarray,
-    predictions: dict[str, np.ndarray],
-    measured_loop: tuple[np.ndarray, np.ndarray] | None,
-    loops_of: dict[str, tuple[np.ndarray, np.ndarray]],
-    name: str,
-    unit: str,
-    title: str = "",
-    save: str | os.PathLike[str] | None = None,
-) -> Figure:
-    """Draw a deterministic calibration: measured loop, identified loops, both superposed, and the histories.
-
-    Parameters
-    ----------
-    time : ndarray, shape (time,)
-        [s].
-    measured : ndarray, shape (time,)
-        The measured channel.
-    predictions : dict of str to ndarray, shape (time,)
-        The identified histories by method.
-    measured_loop : pair of ndarray, shape (time,), optional
-        Displacement [mm] and force [kN], where known.
-    loops_of : dict of str to pair of ndarray, shape (time,)
-        Identified loops by method.
-    name, unit : str
-        Of the channel.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without ending.
-
-    Returns
-    -------
-    Figure
-        Four panels; two where no force was measured.
-    """
-    figure, axes = canvas(*((1, 2) if measured_loop is None else (2, 2)), height=2.6)
-    panels = axes.ravel()
-    heads: tuple[str, ...] = ("identified", "histories around the peak")
-    if measured_loop is not None:
-        heads = ("measured", "identified", "superposed", "histories around the peak")
-        for axis in panels[[0, 2]]:
-            axis.plot(*measured_loop, color=MEASURED, lw=0.7)
-    for axis in panels[:1] if measured_loop is None else panels[1:3]:
-        _identified_loops(axis, loops_of)
-    panel_history = panels[-1]
-    panel_history.plot(time, measured, color=MEASURED, lw=1.0, label="measured")
-    for (method, values), colour in zip(predictions.items(), CYCLE, strict=False):
-        panel_history.plot(time, values, color=colour, lw=0.8, ls="--", label=method.replace("_", " "))
-    peak = time[int(np.argmax(np.abs(measured)))]
-    panel_history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
-    low, high = panel_history.get_ylim()
-    panel_history.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-    panel_history.legend(loc="upper right", ncol=3, columnspacing=0.8, handlelength=1.2, fontsize=7)
-    panels[0 if measured_loop is None else 1].legend(loc="upper left")
-    for axis, head in zip(panels, heads, strict=True):
-        axis.set_title(head, loc="left")
-    for axis in panels[:-1]:
-        name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
-        if axis is not panels[0]:
-            axis.sharex(panels[0])
-            axis.sharey(panels[0])
-    name_axes(panel_history, ("time", "s"), (pretty(name), pretty_unit(unit)))
-    return finish(figure, title, save)
-
-
-def _identified_loops(axis: Axes, loops_of: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    for i, ((method, loop), colour) in enumerate(zip(loops_of.items(), CYCLE, strict=False)):
-        # The first is drawn thicker, so that methods that agree are all seen.
-        axis.plot(*loop, color=colour, lw=1.6 if i == 0 and len(loops_of) > 1 else 0.6, label=method.replace("_", " "))
-
-
-@styled
-def two_lines(
-    displacement: np.ndarray,
-    force: np.ndarray,
-    lines: Sequence[tuple[np.ndarray, np.ndarray, str]],
-    title: str = "",
-    save: str | os.PathLike[str] | None = None,
-) -> Figure:
-    """Draw a loop and the straight lines fitted to it.
-
-    Parameters
-    ----------
-    displacement, force : ndarray, shape (time,)
-        [mm], [kN].
-    lines : sequence of (ndarray, ndarray, str)
-        Displacements, forces and label of each line.
-    title : str
-        Title.
-    save : path-like, optional
-        File name without ending.
-
-    Returns
-    -------
-    Figure
-        One panel.
-    """
-    figure, axes = canvas(1, 1, height=3.2, width=4.8)
-    axis = axes[0, 0]
-    axis.plot(displacement, force, color=MUTED, lw=0.6)
-    seen: dict[str, str] = {}
-    for x, y, text in lines:
-        colour = seen.setdefault(text, CYCLE[(len(seen) + 1) % len(CYCLE)])
-        axis.plot(x, y, color=colour, lw=1.6, label=text)
-    handles, labels = axis.get_legend_handles_labels()
-    unique = dict(zip(labels, handles, strict=True))
-    axis.legend(list(unique.values()), list(unique), loc="lower right")
-    margin = 0.1 * np.ptp(force)
-    axis.set_ylim(force.min() - margin, force.max() + margin)
-    name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
-    return finish(figure, title, save)
-
-
-@styled
 def side_by_side(
     time: np.ndarray,
     measured: np.ndarray,
@@ -396,27 +231,27 @@ def side_by_side(
     unit: str,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what several model classes predict of one measured history: around its peak, and what they leave of it.
+    """Draw predictions of one measured history by several model classes: around its peak, and less the middle of the band.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     measured : ndarray, shape (time,)
         The measurement.
     inner, outer : sequence of pair of ndarray, shape (time,)
-        90 % bands of each class, of the model's response and with discrepancy.
+        90 % bands of each class: of the model's response, and with discrepancy.
     classes : sequence of str
-        What the classes are called.
+        Names of the classes.
     name, unit : str
-        Of the channel.
+        Name and unit of the channel.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        Two panels a class.
+        Two panels for each class.
     """
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
     peak = time[int(np.argmax(np.abs(measured)))]
@@ -448,27 +283,27 @@ def residuals(
     values: np.ndarray,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw what tells whether whitened residuals are white: autocorrelation, spectrum, quantiles.
+    """Draw the checks of whether whitened residuals are white: autocorrelation, spectrum, quantiles.
 
     Parameters
     ----------
     lags, autocorrelation : ndarray, shape (lag,)
-        Lags [s], and ρ.
+        Lags [s], and autocorrelation ρ.
     bound : float
-        ρ within ± this is taken for white.
+        Residuals count as white where |ρ| is at most this.
     frequency, spectrum : ndarray, shape (frequency,)
         Frequencies [Hz], and power relative to that of white noise.
     values : ndarray, shape (time,)
-        The residuals.
+        The whitened residuals.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
         Three panels.
     """
-    from scipy.stats import norm
+    from scipy.stats import norm  # takes longer to import than all other figures together
 
     figure, axes = canvas(1, 3, height=2.4)
     left, middle, right = axes[0]

@@ -1,4 +1,4 @@
-"""Figure of a campaign: what its runs responded, and where in parameter space some failed."""
+"""Figure of a campaign: the responses of its runs, and where in parameter space runs failed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SHOWN = 400
-"""Runs that the bands are made of at most: as many as fit into memory whatever the size of the campaign."""
+"""Largest number of runs used for the bands, so that they fit into memory whatever the size of the campaign."""
 
 
 @styled
@@ -34,26 +34,26 @@ def overview(
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     values : ndarray, shape (run, time, channel)
-        Responses of runs that are done, in display units.
+        Responses of the finished runs, in display units.
     channels, units : tuple of str
-        Of the responses.
+        Names and units of the channels.
     theta : ndarray, shape (run, parameter)
         All points, in display units.
     names, parameter_units : tuple of str
-        Of the parameters.
+        Names and units of the parameters.
     status : ndarray of int, shape (run,)
-        How each run ended; 0 is done.
+        Status of each run; 0 is done.
     words : dict of int to str
-        What each status is called.
+        Name of each status.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        Two columns.
+        Bands of the responses in the left column, the design in the right column.
     """
     rows = max(len(channels), 1)
     figure, axes = canvas(rows, 2, height=2.4 if rows > 1 else 2.9, width_ratios=(1.6, 1.0))
@@ -85,8 +85,8 @@ def _design(
     status: np.ndarray,
     words: dict[int, str],
 ) -> None:
-    """Scatter the two parameters that tell failed runs best from done ones; the first two if none failed."""
-    first, second = _telling(theta, status)
+    """Scatter plot of the two parameters that best separate failed from finished runs; of the first two if none failed."""
+    first, second = _most_separating(theta, status)
     if second is None:
         theta, names, units = np.column_stack([theta, np.arange(len(theta))]), (*names, "run"), (*units, "")
         second = theta.shape[1] - 1
@@ -101,8 +101,8 @@ def _design(
     axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, handletextpad=0.1, columnspacing=1.0)
 
 
-def _telling(theta: np.ndarray, status: np.ndarray) -> tuple[int, int | None]:
-    """The parameters whose means among failed and done runs differ most, in standard deviations."""
+def _most_separating(theta: np.ndarray, status: np.ndarray) -> tuple[int, int | None]:
+    """The two parameters whose means over failed and over finished runs differ most, in standard deviations."""
     if theta.shape[1] < 2:
         return 0, None
     failed = (status != 0) & (status != 4)

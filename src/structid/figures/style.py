@@ -1,4 +1,4 @@
-"""One look for all figures, and one way to save them."""
+"""The common style of all figures, axis labels and units, densities, and saving."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Drawing = TypeVar("Drawing", bound=Callable[..., Any])
 MEASURED, MODEL, PRIOR, ACCENT, MUTED = "#1a1a1a", "#c1440e", "#8a8f98", "#1f6f8b", "#b8bcc4"
 """Colours: measurement, model (posterior), prior, accent, secondary lines."""
 CYCLE = ("#1f6f8b", "#c1440e", "#6a994e", "#7b4b94", "#bc8034", "#386641")
-"""Colours of several like things."""
+"""Colours of several lines of the same kind."""
 WIDTH = 7.4
 """Width of a full figure [inch]."""
 
@@ -46,7 +46,7 @@ _RC = {
 
 
 def styled(draw: Drawing) -> Drawing:
-    """Draw in the house style, and leave the caller's matplotlib settings as they are.
+    """Draw in the style of structid, and leave the caller's matplotlib settings as they are.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def styled(draw: Drawing) -> Drawing:
     Returns
     -------
     callable
-        The same function in the house style.
+        The same function, drawing in the style of structid.
     """
 
     @functools.wraps(draw)
@@ -70,18 +70,18 @@ def styled(draw: Drawing) -> Drawing:
 
 
 def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = WIDTH, **settings: Any) -> Any:
-    """Make a figure and its axes in the house style, without touching pyplot's state.
+    """Make a figure and its axes without changing pyplot's state.
 
     Parameters
     ----------
     rows, columns : int
-        Grid of axes.
+        Size of the grid of axes.
     height : float
         Height of a row [inch].
     width : float
         Width of the figure [inch].
     **settings
-        For `matplotlib.figure.Figure.subplots`.
+        Arguments of `matplotlib.figure.Figure.subplots`.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = 
 
 
 def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
-    """Make a figure of one wide panel over two narrow ones.
+    """Make a figure with one wide panel above two narrow ones.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
     Returns
     -------
     tuple of Figure, Axes and pair of Axes
-        The figure, the wide panel, the two below it.
+        The figure, the wide panel, and the two panels below it.
     """
     figure, axes = canvas(1, 1, height=2 * height, width=width)
     axes[0, 0].remove()
@@ -118,19 +118,19 @@ def wide_top(height: float = 2.2, width: float = WIDTH) -> Any:
 
 
 def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
-    """Choose a power of ten that brings numbers near one, so that no axis needs a floating factor.
+    """Choose a power of ten that brings numbers close to one, so that no axis shows an offset factor.
 
     Parameters
     ----------
     unit : str
-        The unit.
+        Unit of the numbers.
     draws : ndarray
         The numbers.
 
     Returns
     -------
     tuple of float and str
-        What to divide by, and the unit with the power of ten before it.
+        The divisor, and the unit with the power of ten in front of it.
     """
     size = float(np.quantile(np.abs(draws), 0.9))
     power = int(np.floor(np.log10(size))) if size > 0 else 0
@@ -141,16 +141,16 @@ def in_powers_of_ten(unit: str, draws: np.ndarray) -> tuple[float, str]:
 
 
 def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
-    """Set the title and save as PNG and PDF.
+    """Set the title, and save as PNG and PDF.
 
     Parameters
     ----------
     figure : Figure
         The figure.
     title : str
-        Its title; none if empty.
+        Title of the figure; empty for none.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -163,22 +163,22 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
         target = Path(save)
         target = target.with_suffix("") if target.suffix in (".png", ".pdf") else target
         target.parent.mkdir(parents=True, exist_ok=True)
-        # No date inside, so that the same draws give the same file.
+        # No date and no version in the files, so that the same draws give the same file.
         figure.savefig(target.with_name(target.name + ".png"), metadata={"Software": None})
-        figure.set_layout_engine("none")  # the places found for the PNG serve the PDF as well
+        figure.set_layout_engine("none")  # the PDF uses the layout found for the PNG
         figure.savefig(target.with_name(target.name + ".pdf"), metadata={"CreationDate": None})
     return figure
 
 
 def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Kernel density of draws, reflected at the bounds so that no mass leaks over them.
+    """Kernel density of draws, reflected at the bounds so that no mass lies beyond them.
 
     Parameters
     ----------
     draws : ndarray, shape (draw,)
         The draws.
     points : ndarray, shape (point,)
-        Where to evaluate.
+        Points at which to evaluate it.
     low, high : float
         Bounds; infinite for none.
 
@@ -187,8 +187,8 @@ def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> n
     ndarray, shape (point,)
         The density.
     """
-    spread = min(draws.std(), float(np.subtract(*np.quantile(draws, [0.75, 0.25]))) / 1.349 or np.inf)
-    width = 1.06 * max(spread, 1e-300) * draws.size**-0.2
+    deviation = min(draws.std(), float(np.subtract(*np.quantile(draws, [0.75, 0.25]))) / 1.349 or np.inf)
+    width = 1.06 * max(deviation, 1e-300) * draws.size**-0.2
     mirrored = [draws]
     if np.isfinite(low):
         mirrored.append(2 * low - draws)
@@ -220,12 +220,12 @@ def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis with plain numbers at 1, 2 and 5, also where it spans less than a decade.
+    """Label a logarithmic axis with plain numbers, at 1, 2 and 5 where it spans less than two decades.
 
     Parameters
     ----------
     axis : Axis
-        An x or y axis.
+        The x or y axis.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
@@ -237,7 +237,7 @@ def plain_ticks(axis: Axis) -> None:
 
 
 def pretty(name: str) -> str:
-    """Name of a parameter or channel as a figure shows it.
+    """Name of a parameter or channel as figures show it.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def pretty(name: str) -> str:
 
 
 def pretty_unit(unit: str) -> str:
-    """Unit with raised exponents.
+    """Unit with superscript exponents.
 
     Parameters
     ----------
@@ -273,16 +273,16 @@ def pretty_unit(unit: str) -> str:
 
 
 def thin(count: int, most: int = 4000) -> slice:
-    """Stride that leaves at most a number of points to draw.
+    """Choose a stride, so that at most about `most` points are drawn.
 
     Parameters
     ----------
     count, most : int
-        Present and largest number.
+        Number of points, and the largest number to draw.
 
     Returns
     -------
     slice
-        For indexing.
+        Index of the points to draw.
     """
     return slice(None, None, max(1, count // most))

@@ -1,4 +1,4 @@
-"""Figures of a surrogate: how it stood its validation, and its coefficients."""
+"""Figures of a surrogate: its validation and its coefficients."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def validation(
     integrated: tuple[np.ndarray, np.ndarray] | None = None,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw best, median and worst history, peaks, samples, and the distribution of the errors.
+    """Draw the best, the median and the worst history, peaks, samples, and the distribution of the errors.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     true, predicted : ndarray, shape (3, time)
         Histories of the best, the median and the worst run.
     shown_errors : ndarray, shape (3,)
@@ -43,15 +43,15 @@ def validation(
     peaks, predicted_peaks : ndarray, shape (run,)
         Largest absolute values.
     samples, predicted_samples : ndarray, shape (sample,)
-        A thin selection of all samples.
+        A small selection of all samples.
     errors : ndarray, shape (run,)
         Relative errors of all runs; infinite where the surrogate diverged.
     channel, unit : str
-        What is drawn.
+        Name and unit of the channel.
     integrated : tuple of ndarray, shape (time,), optional
-        Displacements of model and surrogate by integration of the worst run's velocity [mm].
+        Displacements of model and surrogate, integrated from the velocity of the worst run [mm].
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
@@ -117,23 +117,23 @@ def _distribution(axis: Axes, errors: np.ndarray) -> None:
 def coefficients(
     own: np.ndarray, predicted: np.ndarray, names: tuple[str, ...], save: str | os.PathLike[str] | None = None
 ) -> Figure:
-    """Draw coefficients that a surrogate predicts against those that runs have by themselves.
+    """Draw the coefficients that a surrogate predicts against the coefficients fitted to each run alone.
 
     Parameters
     ----------
     own : ndarray, shape (run, coefficient)
-        Coefficients of the runs.
+        Coefficients fitted to each run.
     predicted : ndarray, shape (run, coefficient)
-        What the surrogate says.
+        Coefficients predicted by the surrogate.
     names : tuple of str
-        What the coefficients belong to.
+        Names of the terms to which the coefficients belong.
     save : path-like, optional
-        File name without ending.
+        File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        A panel a coefficient.
+        One panel for each coefficient.
     """
     from matplotlib.figure import Figure
 

@@ -1,1 +1,1 @@
-"""Excitations: ground-motion records, forces and imposed displacements; reading, processing, describing, making."""
+"""Excitations: ground-motion records, forces and imposed displacements. Read, simulate, process and measure them."""

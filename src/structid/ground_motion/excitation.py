@@ -15,16 +15,16 @@ from structid.journal import digest
 
 
 def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, float]:
-    """Freeze a signal at the door: one dimension, finite, at least two samples, a positive step.
+    """Check a signal and make it read-only: one dimension, finite, at least two samples, a positive step.
 
     Parameters
     ----------
     where : str
-        The argument, for the message.
+        Name of the argument, for the message.
     values : array-like, shape (time,)
         The samples.
     dt : float
-        Their step [s].
+        Time step [s].
 
     Returns
     -------
@@ -34,7 +34,7 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
     Raises
     ------
     InputError
-        If anything of that does not hold.
+        If any of these conditions does not hold.
     """
     array = np.array(values, dtype=np.float64)
     if array.ndim != 1 or array.size < 2:
@@ -45,7 +45,7 @@ def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, f
             where,
             f"{bad.size} values that are not finite, the first at sample {bad[0]}",
             "finite numbers",
-            "Cut or repair the signal before handing it over.",
+            "Cut or repair the signal first.",
         )
     if not (np.isfinite(dt) and dt > 0):
         raise InputError(f"{where}: dt", f"{dt}", "a positive number of seconds")
@@ -64,11 +64,11 @@ class Excitation:
     dt : float
         Time step [s].
     name : str
-        What to call it.
+        Name of the signal.
     interpolation : {"linear", "periodic"}
         Between samples: straight lines, or the Fourier series of the samples taken as one period.
     lead_in_periods : int
-        With ``periodic``: whole periods run and dropped first, so that the response is the steady state.
+        With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady state.
     """
 
     values: np.ndarray
@@ -88,7 +88,7 @@ class Excitation:
                 "lead_in_periods",
                 f"{self.lead_in_periods} with linear interpolation",
                 "0",
-                "Only a periodic signal has periods to lead in with.",
+                "Only a periodic signal can have lead-in periods.",
             )
         if self.lead_in_periods < 0:
             raise InputError("lead_in_periods", f"{self.lead_in_periods}", "0 or more")
@@ -110,11 +110,11 @@ class Excitation:
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on."""
+        """Hash of everything that a response depends on."""
         return digest(self.kind, self.values, self.dt, self.interpolation, self.lead_in_periods)
 
     def to_plain(self) -> dict[str, Any]:
-        """Give everything but the samples, as JSON can say it.
+        """Describe everything but the samples, ready for JSON.
 
         Returns
         -------
@@ -137,7 +137,7 @@ class Excitation:
         Returns
         -------
         ndarray, shape (time − 1 + lead-in samples, substeps, 3)
-            What a Runge–Kutta step needs, in order.
+            The values that the Runge–Kutta steps need, in order.
         """
         samples = self.values.size
         if self.interpolation == "periodic":
@@ -152,7 +152,7 @@ class Excitation:
 
     @property
     def dropped_samples(self) -> int:
-        """Samples of the lead-in, which a response leaves out."""
+        """Number of lead-in samples, which a response leaves out."""
         return self.lead_in_periods * len(self)
 
 
@@ -174,14 +174,14 @@ class ForceHistory(Excitation):
 
 
 class DisplacementHistory(Excitation):
-    """An imposed displacement [m], as in a quasi-static cyclic test: the model returns the force.
+    """An imposed displacement [m], as in a quasi-static cyclic test; the model returns the force.
 
     Parameters
     ----------
     values : array-like, shape (time,)
         Displacement [m].
     dt : float
-        Time step [s]; a rate-independent model does not feel it.
+        Time step [s]; it has no effect on a rate-independent model.
     name, interpolation, lead_in_periods
         As for `Excitation`.
     """
@@ -193,15 +193,15 @@ class DisplacementHistory(Excitation):
 class CombinedExcitation(Excitation):
     """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
 
-    The built-in models take one signal; an external model is handed ``values`` with a column for each, and terms of a NARX call
-    them ``x1``, ``x2``, ….
+    The built-in models take one signal. An external model gets ``values`` with a column for each signal; the terms of a NARX
+    name the signals ``x1``, ``x2``, ….
 
     Parameters
     ----------
     parts : sequence of Excitation
         Two or more, of the same step, length, interpolation and lead-in.
     name : str
-        What to call it; left out, the names of the parts.
+        Name of the combination; by default made of the names of the parts.
 
     Attributes
     ----------
@@ -234,11 +234,11 @@ class CombinedExcitation(Excitation):
         values = np.stack([p.values for p in own], axis=1)
         values.setflags(write=False)
         first = own[0]
-        told = {
+        fields = {
             "parts": own, "values": values, "dt": first.dt, "name": name or " and ".join(p.name for p in own),
             "interpolation": first.interpolation, "lead_in_periods": first.lead_in_periods,
         }  # fmt: skip
-        for key, value in told.items():
+        for key, value in fields.items():
             object.__setattr__(self, key, value)
 
     @property
@@ -247,12 +247,12 @@ class CombinedExcitation(Excitation):
         return "+".join(p.kind for p in self.parts)
 
     def to_plain(self) -> dict[str, Any]:
-        """Give everything but the samples, as JSON can say it.
+        """Describe everything but the samples, ready for JSON.
 
         Returns
         -------
         dict
-            Name, and what each part says.
+            Name, and the description of each part.
         """
         return {"name": self.name, "parts": [p.to_plain() for p in self.parts]}
 
@@ -267,20 +267,20 @@ class CombinedExcitation(Excitation):
         Returns
         -------
         ndarray, shape (time − 1 + lead-in samples, substeps, 3, part)
-            Those of the parts side by side.
+            The values of the parts, side by side.
         """
         return np.stack([p.stage_values(substeps) for p in self.parts], axis=-1)
 
 
 def check_one_signal(where: str, excitation: Excitation) -> None:
-    """Refuse several signals at once.
+    """Reject an excitation of several signals.
 
     Parameters
     ----------
     where : str
-        The model, for the message.
+        Name of the model, for the message.
     excitation : Excitation
-        What is to drive it.
+        The excitation of the model.
 
     Raises
     ------
@@ -290,37 +290,38 @@ def check_one_signal(where: str, excitation: Excitation) -> None:
     if isinstance(excitation, CombinedExcitation):
         raise InputError(
             where, f"{len(excitation.parts)} signals at once", "one GroundMotion, ForceHistory or DisplacementHistory",
-            "An external model, or a surrogate of one, takes several.",
+            "An external model, or a surrogate of one, can take several.",
         )  # fmt: skip
 
 
 def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
-    """Check that all records have as many signals.
+    """Check that all records have the same number of signals.
 
     Parameters
     ----------
     where : str
-        The argument, for the message.
+        Name of the argument, for the message.
     records : sequence of Excitation
         The records.
 
     Raises
     ------
     InputError
-        If some have more than others.
+        If the numbers differ.
     """
     counts = sorted({1 if r.values.ndim == 1 else r.values.shape[1] for r in records})
     if len(counts) > 1:
-        raise InputError(where, f"records of {' and '.join(map(str, counts))} signals", "as many signals in each")
+        came = f"records of {' and '.join(map(str, counts))} signals"
+        raise InputError(where, came, "the same number of signals in each record")
 
 
 def padded_values(records: Sequence[Excitation]) -> np.ndarray:
-    """Samples of several records in one array, NaN beyond the end of a shorter one.
+    """Samples of several records in one array, with NaN after the end of a shorter record.
 
     Parameters
     ----------
     records : sequence of Excitation
-        All with as many signals.
+        Records with the same number of signals.
 
     Returns
     -------

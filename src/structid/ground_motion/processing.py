@@ -1,4 +1,4 @@
-"""Processing of a sampled signal: baseline, zero-phase Butterworth filters, resampling, integration."""
+"""Processing of a sampled signal: baseline correction, zero-phase Butterworth filters, resampling, integration."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ import scipy.signal
 from structid.errors import InputError, check_choice
 
 PASSBAND_LOSS = 3.0
-"""Loss at the edge of the passband, one way [dB]."""
+"""Attenuation at the edge of the passband, for one pass [dB]."""
 STOPBAND_LOSS = 8.0
-"""Loss at the edge of the stopband, one way [dB]."""
+"""Attenuation at the edge of the stopband, for one pass [dB]."""
 STOPBAND_RATIO = 1.25
-"""Stopband edge over passband edge: 25 Hz for 20 Hz."""
+"""Stopband edge divided by passband edge: 25 Hz for 20 Hz."""
 
 
 def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
-    """Subtract the mean, or the straight line of least squares.
+    """Subtract the mean or the least-squares line.
 
     Parameters
     ----------
@@ -33,11 +33,12 @@ def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
     ndarray, shape (time,)
         The corrected signal.
     """
-    return scipy.signal.detrend(signal, type=check_choice("baseline", kind, ("constant", "linear")))
+    corrected: np.ndarray = scipy.signal.detrend(signal, type=check_choice("baseline", kind, ("constant", "linear")))
+    return corrected
 
 
 def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
-    """Smallest digital Butterworth order that loses 3 dB at the passband edge and 8 dB at the stopband edge.
+    """Smallest digital Butterworth order that attenuates by 3 dB at the passband edge and 8 dB at the stopband edge.
 
     Parameters
     ----------
@@ -46,12 +47,12 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
     dt : float
         Time step [s].
     stop : float, optional
-        Stopband edge [Hz]; 1.25 × `edge` when left out.
+        Stopband edge [Hz]; 1.25 × `edge` by default.
 
     Returns
     -------
     int
-        The order, 3 for 20 and 25 Hz at 0.01 s.
+        The order; 3 for 20 and 25 Hz at 0.01 s.
     """
     stop = STOPBAND_RATIO * edge if stop is None else stop
     nyquist = 0.5 / dt
@@ -62,7 +63,7 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
 
 
 def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float], band: str, order: int) -> np.ndarray:
-    """Filter forward and backward, so that no phase is shifted and the loss is doubled (6 dB at the edge).
+    """Filter forward and backward: no phase shift, and twice the attenuation (6 dB at the edge).
 
     Parameters
     ----------
@@ -73,7 +74,7 @@ def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float
     edges : float or pair of float
         Edge or edges of the passband [Hz].
     band : {"lowpass", "highpass", "bandpass"}
-        Which part passes.
+        The frequencies that pass.
     order : int
         Order of one pass.
 
@@ -88,14 +89,15 @@ def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float
         raise InputError(
             f"{band} edge",
             f"{edges} Hz",
-            f"rising frequencies between 0 and the Nyquist frequency {nyquist:g} Hz",
+            f"increasing frequencies between 0 and the Nyquist frequency {nyquist:g} Hz",
         )
     if order < 1:
         raise InputError(f"{band} order", f"{order}", "1 or more")
     sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
     if signal.size <= 3 * (2 * len(sections) + 1):
         raise InputError(band, f"a record of {signal.size} samples", f"more than {3 * (2 * len(sections) + 1)} samples")
-    return scipy.signal.sosfiltfilt(sections, signal)
+    filtered: np.ndarray = scipy.signal.sosfiltfilt(sections, signal)
+    return filtered
 
 
 def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
@@ -106,7 +108,7 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
     signal : ndarray, shape (time,)
         The samples.
     dt, new_dt : float
-        Present and wanted step [s]; their ratio must be a fraction of whole numbers up to 1000.
+        Present and new step [s]; their ratio must be a fraction of whole numbers up to 1000.
 
     Returns
     -------
@@ -118,7 +120,8 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
     ratio = Fraction(dt / new_dt).limit_denominator(1000)
     if abs(float(ratio) * new_dt / dt - 1.0) > 1e-9:
         raise InputError("resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction")
-    return scipy.signal.resample_poly(signal, ratio.numerator, ratio.denominator)
+    resampled: np.ndarray = scipy.signal.resample_poly(signal, ratio.numerator, ratio.denominator)
+    return resampled
 
 
 def integrate(signal: np.ndarray, dt: float) -> np.ndarray:
@@ -136,4 +139,5 @@ def integrate(signal: np.ndarray, dt: float) -> np.ndarray:
     ndarray, shape (..., time)
         The integral.
     """
-    return scipy.integrate.cumulative_trapezoid(signal, dx=dt, initial=0.0, axis=-1)
+    integral: np.ndarray = scipy.integrate.cumulative_trapezoid(signal, dx=dt, initial=0.0, axis=-1)
+    return integral

@@ -1,4 +1,4 @@
-"""A ground-motion record: read it, process it, describe it, make one."""
+"""A ground-motion record: read or simulate it, process it, measure it, draw it."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from structid.errors import InputError
+from structid.figures import record as record_figures
 from structid.ground_motion import processing, readers, spectra
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.synthetic import stochastic_acceleration
@@ -29,7 +30,7 @@ class GroundMotion(Excitation):
     dt : float
         Time step [s].
     name : str
-        What to call it.
+        Name of the record.
     interpolation, lead_in_periods
         As for `Excitation`.
 
@@ -57,7 +58,7 @@ class GroundMotion(Excitation):
         column: int | None = None,
         name: str | None = None,
     ) -> GroundMotion:
-        """Read a PEER AT2 file, or columns of text.
+        """Read a PEER AT2 file or a text file with columns.
 
         Parameters
         ----------
@@ -70,7 +71,7 @@ class GroundMotion(Excitation):
         column : int, optional
             Column of the values in a text file, counted from 0.
         name : str, optional
-            What to call it; the file's name when left out.
+            Name of the record; the file's name by default.
 
         Returns
         -------
@@ -80,20 +81,9 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If the file is not what it claims to be; the message names the line.
+            If the file cannot be read as such a record; the message names the line.
         """
-        name = Path(path).stem if name is None else name
-        if Path(path).suffix.lower() == ".at2":
-            acceleration, step, _ = readers.read_peer(path)
-            return cls(acceleration, step, name)
-        if unit is None:
-            raise InputError(
-                f"{path}",
-                "no unit was given for a text file",
-                "unit='g', 'm/s^2', 'cm/s^2', …",
-                "Say what the numbers mean: GroundMotion.read(path, unit='g').",
-            )
-        return cls(*readers.read_columns(path, unit, dt, column, cls.unit), name)
+        return cls(*readers.read_acceleration(path, dt, unit, column), Path(path).stem if name is None else name)
 
     @classmethod
     def synthetic(
@@ -108,14 +98,15 @@ class GroundMotion(Excitation):
         frequency_slope: float = -0.02,
         bandwidth: float = 0.4,
     ) -> GroundMotion:
-        """Make a stochastic record (Rezaeian & Der Kiureghian 2010, doi 10.1002/eqe.997).
+        """Simulate a stochastic record (Rezaeian & Der Kiureghian 2010, doi 10.1002/eqe.997).
 
-        Filtered white noise with a frequency that changes in time and a gamma-type modulating function, high-passed.
+        White noise is filtered with a frequency that changes with time, multiplied by a gamma-type modulating function, and
+        high-pass filtered.
 
         Parameters
         ----------
         seed : int
-            Seed: the same one gives the same record.
+            Seed; the same seed gives the same record.
         duration, dt : float
             Length and time step [s].
         arias : float
@@ -144,7 +135,7 @@ class GroundMotion(Excitation):
         return replace(self, values=acceleration, **changes)
 
     def baseline(self, kind: str = "constant") -> GroundMotion:
-        """Subtract the mean or the straight line of least squares.
+        """Subtract the mean or the least-squares line.
 
         Parameters
         ----------
@@ -164,11 +155,11 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         edge : float
-            Passband edge [Hz]; the two passes together lose 6 dB there.
+            Passband edge [Hz]. The two passes together attenuate by 6 dB there.
         order : int, optional
-            Order of one pass; by default the smallest that loses 8 dB at `stop` (3 for 20 Hz at 0.01 s).
+            Order of one pass; by default the smallest that attenuates by 8 dB at `stop` (3 for 20 Hz at 0.01 s).
         stop : float, optional
-            Stopband edge [Hz], 1.25 × `edge` by default.
+            Stopband edge [Hz]; 1.25 × `edge` by default.
 
         Returns
         -------
@@ -228,12 +219,12 @@ class GroundMotion(Excitation):
         return self._with(self.values * by)
 
     def scale_to_pga(self, pga: float) -> GroundMotion:
-        """Scale so that the peak ground acceleration is as wanted.
+        """Scale to a given peak ground acceleration.
 
         Parameters
         ----------
         pga : float
-            [m/s²].
+            Peak ground acceleration of the scaled record [m/s²].
 
         Returns
         -------
@@ -243,10 +234,12 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If the record is zero throughout.
+            If all values of the record are zero.
         """
         if self.pga == 0.0:
-            raise InputError("scale_to_pga", "the record is zero throughout", "a record that moves")
+            raise InputError(
+                "scale_to_pga", "all values of the record are zero", "a record that is not zero everywhere"
+            )
         return self.scale(pga / self.pga)
 
     def resample(self, dt: float) -> GroundMotion:
@@ -265,22 +258,22 @@ class GroundMotion(Excitation):
         return self._with(processing.resample(self.values, self.dt, dt), dt=dt)
 
     def trim(self, start: float, end: float) -> GroundMotion:
-        """Keep the samples from `start` up to and with `end`.
+        """Keep the samples from `start` to `end`, both included.
 
         Parameters
         ----------
         start, end : float
-            [s].
+            First and last time [s].
 
         Returns
         -------
         GroundMotion
-            The part, its time starting at zero.
+            That part of the record; its time starts at zero.
 
         Raises
         ------
         InputError
-            If the interval is empty or begins outside the record.
+            If the interval is empty or starts outside the record.
         """
         first, last = round(start / self.dt), min(round(end / self.dt), len(self) - 1)
         if first < 0 or last - first < 1:
@@ -293,7 +286,7 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         before, after : float
-            How much [s].
+            Duration of the zeros [s].
 
         Returns
         -------
@@ -301,10 +294,10 @@ class GroundMotion(Excitation):
             The longer record.
         """
         if before < 0 or after < 0:
-            raise InputError("pad", f"{before:g} s before, {after:g} s after", "times that are not negative")
+            raise InputError("pad", f"{before:g} s before, {after:g} s after", "times of 0 s or more")
         return self._with(np.pad(self.values, (round(before / self.dt), round(after / self.dt))))
 
-    # --- describing ---------------------------------------------------------------------------------------------
+    # --- measures and spectra -----------------------------------------------------------------------------------
 
     @property
     def pga(self) -> float:
@@ -365,7 +358,7 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         periods : ndarray, shape (period,), optional
-            [s]; 120 between 0.02 and 10 s when left out.
+            Periods [s]; by default 120 from 0.02 to 10 s.
         damping_ratio : float
             Fraction of critical damping.
 
@@ -375,6 +368,8 @@ class GroundMotion(Excitation):
             Period [s], displacement [m], pseudo-velocity [m/s], pseudo-acceleration [m/s²].
         """
         return spectra.response_spectrum(self.values, self.dt, periods, damping_ratio)
+
+    # --- output -------------------------------------------------------------------------------------------------
 
     def __str__(self) -> str:
         return (
@@ -387,7 +382,7 @@ class GroundMotion(Excitation):
         return f"<{self}>"
 
     def to_csv(self, path: str | os.PathLike[str], unit: str = "m/s^2") -> Path:
-        """Write time and acceleration as two columns, which `read` takes back.
+        """Write time and acceleration as two columns that `read` can read.
 
         Parameters
         ----------
@@ -401,14 +396,8 @@ class GroundMotion(Excitation):
         Path
             The file written.
         """
-        np.savetxt(
-            path,
-            np.column_stack([self.time, self.values / factor(unit)]),
-            delimiter=",",
-            comments="",
-            fmt="%.12g",
-            header=f"time [s],acceleration [{unit}]",
-        )
+        table, header = np.column_stack([self.time, self.values / factor(unit)]), f"time [s],acceleration [{unit}]"
+        np.savetxt(path, table, delimiter=",", comments="", fmt="%.12g", header=header)
         return Path(path)
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
@@ -417,50 +406,32 @@ class GroundMotion(Excitation):
         Parameters
         ----------
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure.
         """
-        from structid.figures import record as figure
-
         spectrum = self.response_spectrum()
-        return figure.record(
-            self.time,
-            self.values,
-            *self.fourier_amplitude(),
-            spectrum.period,
-            spectrum.pseudo_acceleration,
-            title=self.name,
-            save=save,
-        )
+        drawn = (self.time, self.values, *self.fourier_amplitude(), spectrum.period, spectrum.pseudo_acceleration)
+        return record_figures.record(*drawn, title=self.name, save=save)
 
     def plot_filter(self, filtered: GroundMotion, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw this record and its filtered form, in time and in frequency, for tuning the filter.
+        """Draw this record and the filtered record, in time and in frequency, to tune the filter.
 
         Parameters
         ----------
         filtered : GroundMotion
-            The same record after a filter.
+            The same record after filtering.
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure.
         """
-        from structid.figures import record as figure
-
-        return figure.filter_tuning(
-            self.time,
-            self.values,
-            *self.fourier_amplitude(),
-            filtered.time,
-            filtered.values,
-            *filtered.fourier_amplitude(),
-            title=self.name,
-            save=save,
-        )
+        before = (self.time, self.values, *self.fourier_amplitude())
+        after = (filtered.time, filtered.values, *filtered.fourier_amplitude())
+        return record_figures.filter_tuning(*before, *after, title=self.name, save=save)

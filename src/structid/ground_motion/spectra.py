@@ -1,4 +1,4 @@
-"""Spectra and measures of a ground motion: Fourier amplitude, response spectra, Arias intensity, duration."""
+"""Spectra and intensity measures of a ground motion: Fourier amplitude, response spectra, Arias intensity, duration."""
 
 from __future__ import annotations
 
@@ -45,19 +45,19 @@ def fourier_amplitude(signal: np.ndarray, dt: float) -> tuple[np.ndarray, np.nda
 
 
 def arias_history(acceleration: np.ndarray, dt: float) -> np.ndarray:
-    """Arias intensity built up so far, π/(2g) ∫ a² dt.
+    """Arias intensity up to each sample, π/(2g) ∫ a² dt.
 
     Parameters
     ----------
     acceleration : ndarray, shape (time,)
-        [m/s²].
+        Ground acceleration [m/s²].
     dt : float
         Time step [s].
 
     Returns
     -------
     ndarray, shape (time,)
-        [m/s].
+        Arias intensity [m/s].
     """
     return np.pi / (2.0 * STANDARD_GRAVITY) * integrate(acceleration**2, dt)
 
@@ -68,7 +68,7 @@ def significant_duration(acceleration: np.ndarray, dt: float, start: float = 0.0
     Parameters
     ----------
     acceleration : ndarray, shape (time,)
-        [m/s²].
+        Ground acceleration [m/s²].
     dt : float
         Time step [s].
     start, end : float
@@ -77,7 +77,7 @@ def significant_duration(acceleration: np.ndarray, dt: float, start: float = 0.0
     Returns
     -------
     float
-        [s].
+        Duration [s].
     """
     history = arias_history(acceleration, dt)
     times = np.interp(np.array([start, end]) * history[-1], history, np.arange(history.size) * dt)
@@ -89,8 +89,8 @@ def oscillator_displacement(
 ) -> np.ndarray:
     """Relative displacement of a linear oscillator, exact for a record that is linear between samples.
 
-    The recurrence of Nigam & Jennings (1969, Bull. Seism. Soc. Am. 59, 909) for u″ + 2ζω u′ + ω² u = −a_g, run at
-    the step dt/⌈10 dt/T⌉ so that the peaks of stiff oscillators are not missed between samples.
+    The recurrence of Nigam & Jennings (1969, Bull. Seism. Soc. Am. 59, 909) for u″ + 2ζω u′ + ω² u = −a_g. It runs at
+    the step dt/⌈10 dt/T⌉, so that the peaks of stiff oscillators between samples are not missed.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def oscillator_displacement(
     period : float
         Undamped period T [s].
     damping_ratio : float
-        Fraction of critical damping ζ.
+        Damping ratio ζ, fraction of critical damping.
 
     Returns
     -------
@@ -122,17 +122,18 @@ def oscillator_displacement(
         np.array([[0.0]]),
     )
     a, b, c, d, _ = scipy.signal.cont2discrete(system, dt / refinement, method="foh")
-    # First-order hold is the piecewise-linear recurrence; as a filter it runs in compiled code. The two zeros come
-    # from the Markov parameters, which keeps their digits where the step is a tiny part of the period.
+    # First-order hold is the piecewise-linear recurrence; written as a filter it runs in compiled code. The numerator is
+    # computed from the Markov parameters, which loses no digits where the step is a tiny fraction of the period.
     trace, determinant = a[0, 0] + a[1, 1], a[0, 0] * a[1, 1] - a[0, 1] * a[1, 0]
     h0, h1, h2 = d[0, 0], (c @ b)[0, 0], (c @ a @ b)[0, 0]
     numerator = [h0, h1 - trace * h0, h2 - trace * h1 + determinant * h0]
-    # At rest at the first sample. Left alone, the filter would take the record to rise from zero over the step before it, which
-    # starts a slow oscillator with a velocity; its two delays are set so that u₀ = 0 and u₁ = p a₀ + h₀ a₁.
+    # The oscillator is at rest at the first sample. With zero delays the filter would assume that the record rises from zero
+    # over the step before it, and a slow oscillator would start with a velocity. So the delays give u₀ = 0, u₁ = p a₀ + h₀ a₁.
     held = scipy.signal.cont2discrete(system, dt / refinement, method="zoh")[1][0, 0]
     p = held - h0
     delays = np.array([-numerator[0], p - numerator[1]]) * fine[0]
-    return scipy.signal.lfilter(numerator, [1.0, -trace, determinant], fine, zi=delays)[0]
+    displacement: np.ndarray = scipy.signal.lfilter(numerator, [1.0, -trace, determinant], fine, zi=delays)[0]
+    return displacement
 
 
 def response_spectrum(
@@ -147,7 +148,7 @@ def response_spectrum(
     dt : float
         Time step [s].
     periods : ndarray, shape (period,), optional
-        [s]; 120 between 0.02 and 10 s when left out.
+        Periods [s]; by default 120 from 0.02 to 10 s.
     damping_ratio : float
         Fraction of critical damping.
 
@@ -165,7 +166,7 @@ def response_spectrum(
 
 
 def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> float:
-    """Percentile over all directions of the peak of two horizontal components (Boore 2010, RotD50).
+    """Percentile, over all directions, of the peak of two horizontal components (Boore 2010, RotD50).
 
     Parameters
     ----------
@@ -177,10 +178,10 @@ def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> flo
     Returns
     -------
     float
-        In the components' unit.
+        The percentile, in the unit of the components.
     """
     angles = np.deg2rad(np.arange(180))
-    # The peak over time in any direction lies on the convex hull of the orbit, which has few points.
+    # The peak over time in any direction is at a vertex of the orbit's convex hull, which has few points.
     points = np.column_stack([first, second])
     try:
         hull = points[scipy.spatial.ConvexHull(points).vertices]
@@ -198,18 +199,18 @@ def rotd_spectrum(
     Parameters
     ----------
     first, second : ndarray, shape (time,)
-        Ground acceleration [m/s²]; the longer one is cut.
+        Ground acceleration [m/s²]; the longer one is cut to the length of the shorter.
     dt : float
         Time step [s].
     periods : ndarray, shape (period,)
-        [s].
+        Periods [s].
     damping_ratio : float
         Fraction of critical damping.
 
     Returns
     -------
     ndarray, shape (period,)
-        [m/s²].
+        Pseudo-acceleration [m/s²].
     """
     samples = min(first.size, second.size)
     spectrum = []

@@ -12,28 +12,29 @@ import scipy.signal
 import scipy.stats
 
 from structid.errors import InputError
+from structid.streams import Purpose, stream
 from structid.units import STANDARD_GRAVITY
 
 CORNER_FREQUENCY = 0.1
-"""Corner of the critically damped high-pass oscillator [Hz]."""
+"""Corner frequency of the critically damped high-pass oscillator [Hz]."""
 
 
 def modulating_function(time: np.ndarray, arias: float, duration: float, middle: float) -> np.ndarray:
     """Gamma-type modulating function q(t) = α₁ t^(α₂−1) exp(−α₃ t), from three physical measures.
 
-    q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃, so the times of 5, 45 and 95 % of the Arias
+    q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃. So the times of 5, 45 and 95 % of the Arias
     intensity are quantiles of that density.
 
     Parameters
     ----------
     time : ndarray, shape (time,)
-        [s].
+        Times [s].
     arias : float
         Expected Arias intensity [m/s].
     duration : float
         Significant duration D5-95 [s].
     middle : float
-        Time at the middle of strong shaking, 45 % of the Arias intensity [s].
+        Time of the middle of strong shaking, 45 % of the Arias intensity [s].
 
     Returns
     -------
@@ -55,20 +56,22 @@ def modulating_function(time: np.ndarray, arias: float, duration: float, middle:
     shape = float(np.exp(scipy.optimize.brentq(ratio, low, high)))
     scale = middle / scipy.stats.gamma.ppf(0.45, shape)
     # π/(2g) ∫ q² dt = I_a
-    return np.sqrt(2.0 * STANDARD_GRAVITY / np.pi * arias * scipy.stats.gamma.pdf(time, shape, scale=scale))
+    density: np.ndarray = scipy.stats.gamma.pdf(time, shape, scale=scale)
+    modulation: np.ndarray = np.sqrt(2.0 * STANDARD_GRAVITY / np.pi * arias * density)
+    return modulation
 
 
 def filtered_noise(
     rng: np.random.Generator, samples: int, dt: float, frequency: np.ndarray, damping_ratio: float
 ) -> np.ndarray:
-    """White noise through a filter whose frequency changes with time, at unit variance.
+    """White noise through a filter whose frequency changes with time, scaled to unit variance.
 
     x(t) = Σ_i h(t − t_i; ω_i) w_i / σ_h(t),  h(τ; ω) = ω/√(1−ζ²) exp(−ζωτ) sin(ω√(1−ζ²) τ)
 
     Parameters
     ----------
     rng : numpy.random.Generator
-        Source of the noise.
+        Random-number generator of the noise.
     samples : int
         Number of samples.
     dt : float
@@ -76,26 +79,27 @@ def filtered_noise(
     frequency : ndarray, shape (time,)
         Filter frequency at each pulse [Hz].
     damping_ratio : float
-        Filter bandwidth ζ.
+        Damping ratio ζ of the filter, which sets its bandwidth.
 
     Returns
     -------
     ndarray, shape (time,)
-        The noise.
+        The filtered noise.
     """
     noise = rng.standard_normal(samples)
     omega = 2.0 * np.pi * frequency
     root = np.sqrt(1.0 - damping_ratio**2)
     time = np.arange(samples) * dt
     motion, variance = np.zeros(samples), np.zeros(samples)
-    # Pulse by pulse, each over the time it lives: exp(−ζωτ) < 1e-7.
+    # Pulse by pulse, each until it has died out: exp(−ζωτ) < 1e-7.
     lives = np.minimum(np.ceil(16.0 / (damping_ratio * omega) / dt).astype(int) + 1, samples)
     for i in range(samples):
         lag = time[: min(lives[i], samples - i)]
         pulse = omega[i] / root * np.exp(-damping_ratio * omega[i] * lag) * np.sin(omega[i] * root * lag)
         motion[i : i + lag.size] += pulse * noise[i]
         variance[i : i + lag.size] += pulse**2
-    return motion / np.sqrt(np.maximum(variance, variance.max() * 1e-12))
+    normalised: np.ndarray = motion / np.sqrt(np.maximum(variance, variance.max() * 1e-12))
+    return normalised
 
 
 def stochastic_acceleration(
@@ -122,9 +126,9 @@ def stochastic_acceleration(
     arias, duration, middle : float
         Arias intensity [m/s], D5-95 [s] and middle of strong shaking [s].
     frequency, frequency_slope : float
-        Filter frequency at the middle [Hz] and its rate of change [Hz/s]; kept above 0.3 Hz.
+        Filter frequency at the middle [Hz] and its rate of change [Hz/s]; the frequency stays above 0.3 Hz.
     damping_ratio : float
-        Filter bandwidth.
+        Damping ratio of the filter, which sets its bandwidth.
 
     Returns
     -------
@@ -138,13 +142,14 @@ def stochastic_acceleration(
             f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
             "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
         )
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 0x6772_6F75]))
+    rng = stream(seed, Purpose.RECORD)
     time = np.arange(samples) * dt
     filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)
     motion = modulating_function(time, arias, duration, middle) * filtered_noise(
         rng, samples, dt, filter_frequency, damping_ratio
     )
-    # z″ + 2ω_c z′ + ω_c² z = x: the ground acceleration is z″, whose velocity and displacement return to zero.
+    # z″ + 2ω_c z′ + ω_c² z = x. The ground acceleration is z″; its velocity and displacement return to zero.
     corner = 2.0 * np.pi * CORNER_FREQUENCY
     numerator, denominator = scipy.signal.bilinear([1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt)
-    return scipy.signal.lfilter(numerator, denominator, motion)
+    acceleration: np.ndarray = scipy.signal.lfilter(numerator, denominator, motion)
+    return acceleration

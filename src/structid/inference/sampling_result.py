@@ -27,7 +27,7 @@ from structid.inference.assessment.residuals import MUCH_WIDER, WhitenedResidual
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
-from structid.models.face import JaxModel
+from structid.models.face import StandIn
 from structid.optimize import pattern_search
 from structid.probability.marginals import Uniform
 from structid.probability.space import ParameterSpace
@@ -118,6 +118,8 @@ class SamplingResult:
         True runs and those of the surrogate, of delayed acceptance.
     divergent : int
         Trajectories that lost their energy, of NUTS.
+    certified : bool or None
+        Whether runs of the model itself have shown that the posterior of its surrogate is its own. None where nobody has asked.
     """
 
     target: Target
@@ -132,6 +134,7 @@ class SamplingResult:
     log_evidence: Evidence | None = None
     cost: Cost | None = None
     divergent: int = 0
+    certified: bool | None = None
 
     # --- draws --------------------------------------------------------------------------------------------------
 
@@ -263,7 +266,7 @@ class SamplingResult:
         They hold where the model or the law of the discrepancy is wrong, too, but are themselves known to a fifth only. None for
         an external solver, which would be run a thousand times for them (`robust_covariance` does that), and without measurement.
         """
-        if not isinstance(self.target, Posterior) or not isinstance(self.target.model, JaxModel):
+        if not isinstance(self.target, Posterior) or self.target.costs_runs:
             return None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
@@ -323,8 +326,9 @@ class SamplingResult:
                 "for these data"
             )
         found += self._residual_warnings()
-        if self._surrogate_matters(unexplained):
-            error = self.target.model.relative_error  # type: ignore[attr-defined]
+        stand_in = self._stand_in
+        if stand_in is not None and self._surrogate_matters(stand_in.relative_error, unexplained):
+            error = stand_in.relative_error
             found.append(
                 f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
                 f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
@@ -334,7 +338,11 @@ class SamplingResult:
         if outside > 0:
             found.append(
                 f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
-                + ("more true runs go there" if self._judged else "widen its design, or do more true runs there")
+                + (
+                    "more true runs go there"
+                    if self.certified is not None
+                    else "widen its design, or do more true runs there"
+                )
             )
         if self.divergent:
             found.append(
@@ -367,27 +375,28 @@ class SamplingResult:
             found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
         return found
 
-    def _surrogate_matters(self, unexplained: float) -> bool:
-        """Whether the surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
+    @property
+    def _stand_in(self) -> StandIn | None:
+        """What the sampled model knows as a stand-in for another; None for a model that stands for itself."""
+        return self.target.model.stand_in if isinstance(self.target, Posterior) else None
+
+    def _surrogate_matters(self, error: float, unexplained: float) -> bool:
+        """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
 
         A certificate says it better.
         """
-        if not isinstance(self.target, Posterior) or self._judged:
+        if not isinstance(self.target, Posterior) or self.certified is not None:
             return False
         samples = sum(len(o.values) for o in self.target.observations)
-        return 0.5 * samples * self.target.model.relative_error > SURROGATE_NATS * unexplained
-
-    @property
-    def _judged(self) -> bool:
-        """Whether a certificate has judged the surrogate that was sampled."""
-        return isinstance(self.target, Posterior) and self.target.model.certified is not None
+        return 0.5 * samples * error > SURROGATE_NATS * unexplained
 
     def _outside(self) -> float:
-        """Share of the draws that lie outside the range of the model, if it has one."""
-        if not isinstance(self.target, Posterior) or self.target.model.certified:
+        """Share of the draws that lie outside the range of a surrogate that is not certified."""
+        stand_in = self._stand_in
+        if stand_in is None or self.certified or not isinstance(self.target, Posterior):
             return 0.0
         draws = self.thinned(10_000)
-        return float(self.target.model.outside(np.asarray(self.target.model_parameters(draws))).mean())
+        return float(stand_in.outside(np.asarray(self.target.model_parameters(draws))).mean())
 
     def _prior_warnings(self) -> list[str]:
         """Marginals on a bound of their prior, or far out in its tail."""

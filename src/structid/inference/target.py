@@ -36,6 +36,11 @@ class Target(ABC):
         """Display unit of every parameter."""
         return dict.fromkeys(self.names, "")
 
+    @property
+    def costs_runs(self) -> bool:
+        """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
+        return False
+
     @abstractmethod
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log density in unconstrained coordinates.

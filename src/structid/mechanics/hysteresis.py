@@ -2,6 +2,8 @@
 
 Sources: Bouc (1967), Wen (1976, J. Eng. Mech. Div. 102, 249), Baber & Noori (1985, J. Eng. Mech. 111, 1010),
 Foliente (1995, J. Struct. Eng. 121, 1013) for the pinching function.
+
+Numbers in brackets, such as [3.4], are equations of the MSc thesis in docs/bibliography.md.
 """
 
 from __future__ import annotations

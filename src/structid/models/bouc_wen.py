@@ -1,4 +1,7 @@
-"""The single-degree-of-freedom Bouc-Wen-Baber-Noori oscillator."""
+"""The single-degree-of-freedom Bouc-Wen-Baber-Noori oscillator.
+
+Numbers in brackets, such as [3.12], are equations of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -8,42 +11,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from structid.channels import check_channels
+from structid.device import jnp
 from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.histories import check_channels
 from structid.journal import digest
-from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
-from structid.models.face import JaxModel
+from structid.mechanics.runge_kutta import integrate
+from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS, PARAMETER_UNITS, check_free, finite_number
+from structid.models.oscillator_equations import OscillatorEquations
+from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-PARAMETER_UNITS = {
-    "mass": "kg",
-    "stiffness": "N/m",
-    "damping_ratio": "",
-    "damping": "N*s/m",
-    "alpha": "",
-    "beta": "1/m",
-    "gamma": "1/m",
-    "gamma_ratio": "",
-    "exponent": "",
-    "amplitude": "",
-    "delta_a": "kg/J",
-    "delta_nu": "kg/J",
-    "delta_eta": "kg/J",
-    "zeta0": "",
-    "p": "kg/J",
-    "q": "",
-    "psi0": "m",
-    "delta_psi": "m*kg/J",
-    "lambda_": "",
-    "initial_displacement": "m",
-    "initial_velocity": "m/s",
-    "initial_hysteretic_displacement": "m",
-}
-"""SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
 
 CHANNELS = (
     "displacement",
@@ -58,15 +38,12 @@ CHANNELS = (
 )
 """What may be recorded."""
 
-DEFAULT_SUBSTEPS = 3
-"""Steps per sample: the velocity error on the benchmark study is below 1e-4 of its norm (see docs/benchmarks.md)."""
-
 _REQUIRED = ("mass", "stiffness", "alpha", "beta")
 _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
 
 
 @dataclass(frozen=True, eq=False)
-class BoucWen(JaxModel):
+class BoucWen(TraceableModel):
     """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).
 
     ::
@@ -78,7 +55,7 @@ class BoucWen(JaxModel):
 
     Restoring force m (α ω² u + (1−α) ω² z). The excitation's type selects the mode: `GroundMotion` (base excitation),
     `ForceHistory`, or `DisplacementHistory` (the displacement is imposed and the restoring force returned, without the
-    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the source calls it dissipated, but part of
+    viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the thesis calls it dissipated, but part of
     it is recoverable, and degradation driven by e_h can occur in elastic cycling. The law is
     bounded-input-bounded-output stable for |γ| ≤ β, which is left to the study.
 
@@ -219,35 +196,51 @@ class BoucWen(JaxModel):
             values["gamma"] = values["gamma_ratio"] * values["beta"]
         return values
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
-        """Respond inside JAX; see `JaxModel.response`.
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse several signals at once, and accelerations where the displacement is imposed.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If the oscillator cannot respond to it.
+        """
+        check_one_signal("BoucWen", excitation)
+        wanted = set(self.channels) & {"relative_acceleration", "absolute_acceleration"}
+        if excitation.kind == "displacement" and wanted:
+            raise InputError(
+                "channels",
+                "accelerations with an imposed displacement",
+                "displacement, velocity, restoring_force, …",
+            )
+
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+        """Respond inside JAX; see `TraceableModel.response`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
-            Its type, dt and lead-in decide what is compiled.
-        stages : jax.Array, shape (time − 1, substeps, 3)
-            Its values.
+        excitation : TracedExcitation
+            What drives it.
 
         Returns
         -------
         tuple of jax.Array
             Values (time, channel, run), and whether the state stayed finite (run,).
         """
-        from structid.device import jnp
-        from structid.mechanics.runge_kutta import integrate
-
-        check_one_signal("BoucWen", excitation)
         values = self._values(theta)
-        equations = _Equations(values, self.channels, excitation.kind)
+        equations = OscillatorEquations(values, self.channels, excitation.kind)
         final, seen = integrate(
             equations.rate,
             equations.inputs(excitation.dt / self.substeps),
             equations.observe,
             equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])),
-            stages,
+            excitation.stages,
             excitation.dt,
         )
         return seen[excitation.dropped_samples :], jnp.isfinite(sum(final.values()))
@@ -316,6 +309,16 @@ class BoucWen(JaxModel):
                 )
         return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]
 
+    @property
+    def loop_channels(self) -> tuple[str, str, str]:
+        """Displacement, force and absorbed energy of the spring."""
+        return ("displacement", "restoring_force", "absorbed_energy")
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "Bouc–Wen oscillator"
+
     def recording(self, *channels: str) -> BoucWen:
         """Return this model with other channels.
 
@@ -371,211 +374,3 @@ class BoucWen(JaxModel):
         units = ("mm", "mm/s", "kN", "J", "J")
         u, v, force, hysteretic, elastic = (run.channel(c)[0] / factor(x) for c, x in zip(wanted, units, strict=True))
         return figure.four_panels(run.time, u, v, force, hysteretic, elastic, excitation.name, save)
-
-
-class _Equations:
-    """The equations of motion for one set of parameters, with only the states that somebody needs."""
-
-    def __init__(self, values: dict[str, Any], channels: tuple[str, ...], kind: str) -> None:
-        self.values, self.channels, self.kind = values, channels, kind
-        self.law = Law(**{name: values[name] for name in Law._fields})
-        self.mass = values["mass"]
-        self.omega_squared = values["stiffness"] / values["mass"]
-        # What does not change in time is multiplied out once, not at every stage of every step.
-        self.elastic = self.law.alpha * self.omega_squared
-        self.hysteretic = (1.0 - self.law.alpha) * self.omega_squared
-        self.viscous = self._viscous()
-        self.driven = kind == "displacement"
-        asked = set(channels)
-        self.needs_hysteretic_energy = degrades(self.law) or bool(asked & {"hysteretic_energy", "absorbed_energy"})
-        self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
-        if self.driven and asked & {"relative_acceleration", "absolute_acceleration"}:
-            raise InputError(
-                "channels",
-                "accelerations with an imposed displacement",
-                "displacement, velocity, restoring_force, …",
-            )
-
-    def _viscous(self) -> Any:
-        """Return c/m = 2 ζ ω."""
-        from structid.device import jnp
-
-        if self.values["damping"] is not None:
-            return self.values["damping"] / self.mass
-        ratio = self.values["damping_ratio"]
-        return 2.0 * (0.0 if ratio is None else ratio) * jnp.sqrt(self.omega_squared)
-
-    def initial_state(self, like: Any) -> dict[str, Any]:
-        """State at the first sample, every part of shape (run,)."""
-        from structid.device import jnp
-
-        zero = jnp.zeros_like(like)
-        state = {"z": zero + self.values["initial_hysteretic_displacement"]}
-        if not self.driven:
-            state["u"] = zero + self.values["initial_displacement"]
-            state["v"] = zero + self.values["initial_velocity"]
-        if self.needs_hysteretic_energy:
-            state["e_h"] = zero
-        if self.needs_elastic_energy:
-            state["e_e"] = zero
-        return state
-
-    def inputs(self, step: float) -> Any:
-        """Return the function from excitation at start, middle and end of a step to the inputs of `rate`."""
-        if not self.driven:
-            return lambda stage: (stage[0], stage[1], stage[2])
-
-        def displacement_and_velocity(stage: Any) -> tuple[Any, Any, Any]:
-            # The parabola through the three values; a straight line where the record is one.
-            a, b, c = stage[0], stage[1], stage[2]
-            return (a, (-3 * a + 4 * b - c) / step), (b, (c - a) / step), (c, (a - 4 * b + 3 * c) / step)
-
-        return displacement_and_velocity
-
-    def _kinematics(self, state: dict[str, Any], signal: Any) -> tuple[Any, Any]:
-        return signal if self.driven else (state["u"], state["v"])
-
-    def _force_per_mass(self, u: Any, z: Any) -> Any:
-        # α ω² u + (1−α) ω² z                                                                     [3.13]
-        return self.elastic * u + self.hysteretic * z
-
-    def _acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
-        # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m in the place of −a_g                     [3.12]
-        drive = signal / self.mass if self.kind == "force" else -signal
-        return drive - self.viscous * v - self._force_per_mass(u, z)
-
-    def rate(self, state: dict[str, Any], signal: Any) -> dict[str, Any]:
-        """Derivative of the state."""
-        u, v = self._kinematics(state, signal)
-        z = state["z"]
-        slope = {"z": hysteretic_rate(v, z, state.get("e_h"), self.law)}
-        if not self.driven:
-            slope["u"], slope["v"] = v, self._acceleration(u, v, z, signal)
-        if self.needs_hysteretic_energy:
-            slope["e_h"] = self.hysteretic * z * v  # [3.14]
-        if self.needs_elastic_energy:
-            slope["e_e"] = self.elastic * u * v  # [3.15]
-        return slope
-
-    def observe(self, state: dict[str, Any], signal: Any) -> Any:
-        """Return the channels at a sample, shape (channel, run)."""
-        from structid.device import jnp
-
-        return jnp.stack([self._channel(name, state, signal) for name in self.channels])
-
-    def _channel(self, name: str, state: dict[str, Any], signal: Any) -> Any:
-        from structid.device import jnp
-
-        u, v = self._kinematics(state, signal)
-        z = state["z"]
-        match name:
-            case "displacement":
-                return u + jnp.zeros_like(z)
-            case "velocity":
-                return v + jnp.zeros_like(z)
-            case "relative_acceleration":
-                return self._acceleration(u, v, z, signal)
-            case "absolute_acceleration":
-                moving_base = signal if self.kind == "ground_motion" else 0.0
-                return self._acceleration(u, v, z, signal) + moving_base
-            case "restoring_force":
-                return self.mass * self._force_per_mass(u, z)
-            case "hysteretic_displacement":
-                return z
-            case "hysteretic_energy":
-                return self.mass * state["e_h"]
-            case "elastic_energy":
-                return self.mass * state["e_e"]
-            case _:
-                return self.mass * (state["e_h"] + state["e_e"])
-
-
-def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the free names as a tuple if the model has them all.
-
-    Parameters
-    ----------
-    model : str
-        The model's name, for the message.
-    free : sequence of str
-        The names.
-    known_names : tuple of str
-        The model's parameters.
-
-    Returns
-    -------
-    tuple of str
-        The names.
-
-    Raises
-    ------
-    InputError
-        If one is unknown or repeated.
-    """
-    names = (free,) if isinstance(free, str) else tuple(free)
-    for name in names:
-        if name not in known_names:
-            raise InputError(
-                f"{model}.free",
-                f"the parameter '{name}', which the model lacks",
-                ", ".join(known_names),
-                suggestion(name, known_names),
-            )
-    if len(set(names)) < len(names):
-        raise InputError(f"{model}.free", f"{list(names)}", "each name once")
-    return names
-
-
-def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, nu: Any) -> dict[str, Any]:
-    """Parameters of this family for the Bouc-Wen benchmark of nonlinear system identification (Noël & Schoukens 2016).
-
-    The benchmark's m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β (γ |ẏ| |z|^(ν−1) z + δ ẏ |z|^ν) is the oscillator with
-    k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are the same.
-
-    Parameters
-    ----------
-    k, alpha, beta, gamma, delta, nu : float or array
-        The benchmark's parameters.
-
-    Returns
-    -------
-    dict of str to float or array
-        ``stiffness``, ``alpha``, ``beta``, ``gamma`` and ``exponent`` of `BoucWen`.
-    """
-    shape = beta * alpha ** (nu - 1.0)
-    return {
-        "stiffness": k + alpha,
-        "alpha": k / (k + alpha),
-        "beta": shape * gamma,
-        "gamma": shape * delta,
-        "exponent": nu,
-    }
-
-
-def finite_number(where: str, value: Any) -> float:
-    """Return a value as a finite float.
-
-    Parameters
-    ----------
-    where : str
-        The argument, for the message.
-    value : object
-        What came.
-
-    Returns
-    -------
-    float
-        The number.
-
-    Raises
-    ------
-    InputError
-        If it is none.
-    """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary name it in free.") from None
-    if not np.isfinite(number):
-        raise InputError(where, f"{number}", "a finite number")
-    return number

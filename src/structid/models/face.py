@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import InputError, Status, suggestion
+from structid.channels import ChannelUnit, standard_unit
+from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.probability.space import Design
@@ -23,18 +25,159 @@ LARGEST_BATCH = 2000
 """Runs compiled and kept in memory at once."""
 
 
+class StandIn(ABC):
+    """What a model that stands for another one, such as a surrogate, knows beside its response."""
+
+    @property
+    @abstractmethod
+    def relative_error(self) -> float:
+        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² against the model it stands for."""
+
+    @abstractmethod
+    def outside(self, theta: np.ndarray) -> np.ndarray:
+        """Say which points lie outside the range it is known to be good for.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI, in the order of the model's `free`.
+
+        Returns
+        -------
+        ndarray of bool, shape (run,)
+            True where nothing is known.
+        """
+
+    @abstractmethod
+    def search_range(self) -> dict[str, tuple[float, float]]:
+        """Range of each parameter in which a search may look, in SI.
+
+        Returns
+        -------
+        dict of str to tuple of float
+            Smallest and largest value, by name.
+        """
+
+    @abstractmethod
+    def check_fitness(self) -> None:
+        """Refuse to stand in a posterior if it is known to be poor.
+
+        Raises
+        ------
+        InputError
+            If it is.
+        """
+
+    @abstractmethod
+    def error_variance(self, theta: Any, excitation: Any, values: Any) -> Any:
+        """Variance of its own error, averaged over time, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of the model's `free`.
+        excitation : TracedExcitation
+            What drives it.
+        values : jax.Array, shape (time, channel, run)
+            Its response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            In the square of each channel's SI unit.
+        """
+
+
 class Model(ABC):
     """Maps parameters and an excitation to response histories.
 
     Everything that has this face can be calibrated: the built-in oscillators, somebody's external solver, a surrogate.
     A class that implements it is final; its settings are in its constructor and do not change.
+
+    Attributes
+    ----------
+    free : tuple of str
+        Parameters that come with every run, in the order of its columns.
+    channels : tuple of str
+        What a run returns.
+    traceable : bool
+        Whether the response is a JAX function, with derivatives; such a model is a `TraceableModel`.
+    batched : bool
+        Whether many runs are done in one call. A run then costs little, and nobody needs workers for it.
+    guarded : bool
+        Whether runs are done one by one where they can do no harm, in child processes. An executor may do several at a time.
     """
 
     free: tuple[str, ...]
     channels: tuple[str, ...]
 
-    certified: bool | None = None
-    """Whether runs of the model it stands for have shown that its posterior is theirs; for surrogates. None: nobody has asked."""
+    traceable: ClassVar[bool] = False
+    batched: ClassVar[bool] = False
+    guarded: ClassVar[bool] = False
+
+    @property
+    def stand_in(self) -> StandIn | None:
+        """What it knows as a stand-in for another model; None for a model that stands for itself."""
+        return None
+
+    @property
+    def channel_units(self) -> dict[str, ChannelUnit]:
+        """SI unit and display unit of every channel; those of the standard names unless a model says otherwise."""
+        return {channel: standard_unit(channel) for channel in self.channels}
+
+    @property
+    def loop_channels(self) -> tuple[str, str, str] | None:
+        """Displacement, force and absorbed energy of the spring whose hysteresis loop is worth a look.
+
+        None for a model that records no such loop; others can be asked for these channels by `recording`.
+        """
+        return None
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "model"
+
+    def working_in(self, folder: Path) -> Model:
+        """Return this model with a folder for the files that its runs leave, if they leave any.
+
+        Parameters
+        ----------
+        folder : Path
+            Made if it is not there.
+
+        Returns
+        -------
+        Model
+            The same model.
+        """
+        return self
+
+    def recording(self, *channels: str) -> Model:
+        """Return this model with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        Model
+            The same model, recording them.
+
+        Raises
+        ------
+        InputError
+            If it cannot record them.
+        """
+        if set(channels) <= set(self.channels):
+            return self
+        raise InputError(
+            "channels",
+            f"{', '.join(channels)}",
+            f"what this {type(self).__name__} records: {', '.join(self.channels)}",
+        )
 
     def simulate(
         self,
@@ -96,8 +239,8 @@ class Model(ABC):
             One row a run.
         """
 
-    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
-        """Check parameters and excitation before a run; a model that knows its own range says here what lies outside it.
+    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+        """Check parameters and excitation before a run.
 
         Parameters
         ----------
@@ -105,39 +248,27 @@ class Model(ABC):
             Parameters in SI, in the order of `free`.
         excitation : Excitation
             What drives it.
+
+        Raises
+        ------
+        InputError
+            If the model cannot respond to them.
         """
+        self.check_excitation(excitation)
 
     def check_excitation(self, excitation: Excitation) -> None:  # noqa: B027 - most models take anything
-        """Refuse an excitation the model knows nothing of; a surrogate may.
+        """Refuse an excitation that the model cannot respond to.
 
         Parameters
         ----------
         excitation : Excitation
             What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it cannot.
         """
-
-    @property
-    def relative_error(self) -> float:
-        """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² against the model it stands for; 0 for a model that stands for itself."""
-        return 0.0
-
-    def outside(self, theta: np.ndarray) -> np.ndarray:
-        """Say which points lie outside the range the model is known to be good for; a model itself has no such range.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Points in SI, in the order of `free`.
-
-        Returns
-        -------
-        ndarray of bool, shape (run,)
-            All False, unless a kind of model says otherwise.
-        """
-        return np.zeros(len(theta), dtype=bool)
-
-    def check_fitness(self) -> None:  # noqa: B027
-        """Refuse to stand in a posterior; a surrogate that is known to be poor does."""
 
     def _run_on_several(
         self, theta: np.ndarray, excitations: list[Excitation], progress: Progress | None, map: Map | None
@@ -160,6 +291,7 @@ class Model(ABC):
             np.concatenate([p.failure_time for p in parts])[order],
             ", ".join(p.excitation for p in parts),
             tuple(np.concatenate([np.array(p.reasons, dtype=object) for p in parts])[order]),
+            parts[0].units,
         )
 
     @property
@@ -229,212 +361,6 @@ class Model(ABC):
                     )
 
 
-class JaxModel(Model):
-    """A model whose response is a pure JAX function of many runs.
-
-    Inside JAX histories are [time, channel, run], as the scan over time makes them and as vector units like them; `simulate`
-    turns them into [run, time, channel].
-
-    Attributes
-    ----------
-    loops : bool
-        Whether a response is a loop over time, which XLA runs on one core, so that batches are spread over the cores.
-    """
-
-    loops: ClassVar[bool] = True
-
-    @abstractmethod
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
-        """Respond inside JAX; `excitation` gives only its kind, step and length.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : Excitation
-            Its type, dt and lead-in decide what is compiled.
-        stages : jax.Array, shape (time − 1, substeps, 3)
-            Its values, from `Excitation.stage_values`.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Values (time, channel, run), and whether the state stayed finite to the end (run,).
-        """
-
-    substeps: int
-
-    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
-        """Variance of the model's own error beside what it stands for, averaged over time, inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        values : jax.Array, shape (time, channel, run)
-            Its response there.
-
-        Returns
-        -------
-        jax.Array, shape (channel, run)
-            In the square of each channel's SI unit; zero for a model that stands for itself.
-        """
-        from structid.device import jnp
-
-        return jnp.zeros(values.shape[1:])
-
-    def reduction(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> Any:
-        """What a misfit to a measurement needs of it, for a model that has a shorter way to it than the response.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives the model.
-        values : ndarray, shape (time, channel)
-            The measurement.
-        channels : tuple of str
-            Its channels.
-
-        Returns
-        -------
-        tree of arrays or None
-            For `squared_misfit` and `marginal_log_likelihood`; None where there is no shorter way.
-        """
-        return None
-
-    def marginal_log_likelihood(
-        self, theta: Any, excitation: Excitation, reduction: Any, variance: Any
-    ) -> tuple[Any, Any] | None:
-        """Log density of a measurement with independent errors, the model's own error integrated out, inside JAX.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        reduction : tree of arrays
-            What is needed of the measurement; see `reduction`.
-        variance : jax.Array, shape (channel, run)
-            Of the independent errors.
-
-        Returns
-        -------
-        tuple of jax.Array, or None
-            Log density and whether it is finite (run,); None for a model that does not know the law of its error.
-        """
-        return None
-
-    def squared_misfit(self, theta: Any, excitation: Excitation, reduction: Any) -> tuple[Any, Any]:
-        """Sum over time of (measured − response)², inside JAX, by a model's shorter way.
-
-        Parameters
-        ----------
-        theta : jax.Array, shape (run, parameter)
-            Parameters in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        reduction : tree of arrays
-            What is needed of the measurement; see `reduction`.
-
-        Returns
-        -------
-        tuple of jax.Array
-            Sums (channel, run) and whether they are finite (run,).
-        """
-        raise NotImplementedError(f"{type(self).__name__} has no shorter way to a misfit than its response")
-
-    def run(
-        self,
-        theta: np.ndarray,
-        excitation: Excitation,
-        progress: Progress | None = None,
-        map: Map | None = None,
-    ) -> Histories:
-        """Run rows of parameters in batches, spread over the machine's cores.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI, in the order of `free`.
-        excitation : Excitation
-            What drives it.
-        progress : callable, optional
-            Told how many runs are done.
-        map : callable, optional
-            Not used.
-
-        Returns
-        -------
-        Histories
-            ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
-            has its time of failure, and NaN from there on.
-        """
-        run = self._compiled(excitation)
-        stages = excitation.stage_values(self.substeps)
-        parts = []
-        for start in range(0, len(theta), LARGEST_BATCH):
-            parts.append(run(theta[start : start + LARGEST_BATCH], stages))
-            if progress is not None:
-                progress(min(start + LARGEST_BATCH, len(theta)), len(theta))
-        # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
-        values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
-        finite = _joined([p[1] for p in parts])
-        return _with_status(values, finite, excitation, self.channels)
-
-    def compiled_for(self, excitation: Excitation) -> tuple[Any, ...]:
-        """Return what a compiled response depends on.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            The excitation.
-
-        Returns
-        -------
-        tuple
-            A dictionary key; of the excitation itself only kind, step, length and lead-in, unless a model says otherwise.
-        """
-        return response_key(excitation)
-
-    def _compiled(self, excitation: Excitation) -> Callable[..., Any]:
-        from structid.device import over_runs
-
-        cache: dict[Any, Any] = self.__dict__.setdefault("_compiled_responses", {})
-        key = self.compiled_for(excitation)
-        if key not in cache:
-
-            def responses(theta: Any, stages: Any) -> tuple[Any, Any]:
-                return self.response(theta, excitation, stages)
-
-            cache[key] = over_runs(responses, run_axes=(2, 0))
-        return cache[key]
-
-
-def response_key(excitation: Excitation) -> tuple[Any, ...]:
-    """Return what a compiled response depends on: kind, step, length, lead-in; not the values.
-
-    Parameters
-    ----------
-    excitation : Excitation
-        The excitation.
-
-    Returns
-    -------
-    tuple
-        A dictionary key.
-    """
-    return (
-        excitation.kind,
-        excitation.dt,
-        len(excitation),
-        excitation.interpolation,
-        excitation.lead_in_periods,
-    )
-
-
 def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Excitation]:
     given = list(excitations) if isinstance(excitations, (list, tuple)) else []
     if not given or not all(isinstance(e, Excitation) for e in given):
@@ -453,22 +379,3 @@ def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Exci
             "A Campaign takes any; or resample and trim them.",
         )
     return given
-
-
-def _joined(parts: list[np.ndarray]) -> np.ndarray:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
-
-
-def _with_status(
-    values: np.ndarray, finite: np.ndarray, excitation: Excitation, channels: tuple[str, ...]
-) -> Histories:
-    """Mark the runs whose state left the finite range, and blank what comes after."""
-    time = np.full(len(values), np.nan)
-    for run in np.flatnonzero(~finite):
-        good = np.isfinite(values[run]).all(axis=1)
-        first_bad = len(good) if good.all() else int(np.argmin(good))
-        values[run, first_bad:] = np.nan
-        time[run] = min(first_bad, len(good) - 1) * excitation.dt
-    status = np.where(finite, Status.DONE, Status.DIVERGED)
-    reasons = tuple("" if good else f"not finite from {t:g} s on" for good, t in zip(finite, time, strict=True))
-    return Histories(values, excitation.dt, channels, status, time, excitation.name, reasons)

@@ -1,4 +1,7 @@
-"""Initial and final stiffness of a measured loop by two straight lines, for the first moments of priors."""
+"""Initial and final stiffness of a measured loop by two straight lines, for the first moments of priors.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +55,7 @@ class LoopLines:
         matplotlib.figure.Figure
             The figure.
         """
-        from structid.figures import response
+        from structid.figures import loops
 
         u, f = self.displacement * 1e3, self.force * 1e-3
         end = np.abs(u).max()
@@ -64,11 +67,11 @@ class LoopLines:
             x = side * np.array([0.3, 1.0]) * end
             text = f"final, {self.final_stiffness * 1e-6:.3g} kN/mm (α = {self.alpha:.3g})"
             lines.append((x, side * self.yield_force * 1e-3 + x * self.final_stiffness * 1e-6, text))
-        return response.two_lines(u, f, lines, save=save)
+        return loops.two_lines(u, f, lines, save=save)
 
 
 def two_lines(displacement: np.ndarray, force: np.ndarray, elastic: float = 0.1, yielded: float = 0.75) -> LoopLines:
-    """Fit the initial and the final stiffness of a measured loop by two linear regressions (the source's figure 3.7).
+    """Fit the initial and the final stiffness of a measured loop by two linear regressions (the thesis's figure 3.7).
 
     The initial line is fitted to the samples before the displacement first leaves ± `elastic` of its peak, f = k_i u; the final one
     to the loading samples beyond ± `yielded` of the peak, f = ± f_y + k_u u with one slope for both sides.

@@ -8,13 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from structid.channels import check_channels
+from structid.device import jnp
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.histories import check_channels
 from structid.journal import digest
-from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
-from structid.models.bouc_wen import DEFAULT_SUBSTEPS, check_free, finite_number
-from structid.models.face import JaxModel
+from structid.mechanics.runge_kutta import integrate
+from structid.models.frame_equations import FrameEquations, stiffness_matrix
+from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS, check_free, finite_number
+from structid.models.traceable import TraceableModel, TracedExcitation
 
 STOREY_PARAMETERS = (
     "mass",
@@ -55,7 +57,7 @@ Storeys = float | Sequence[float] | None
 
 
 @dataclass(frozen=True, eq=False)
-class ShearFrame(JaxModel):
+class ShearFrame(TraceableModel):
     """Shear frame: floor masses joined by hysteretic springs, fixed at the base.
 
     With the drifts d_j = u_j − u_(j−1) and the storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j)::
@@ -205,8 +207,6 @@ class ShearFrame(JaxModel):
 
     def _values(self, theta: Any) -> dict[str, Any]:
         """Every parameter by name: a float where it is fixed and alike, else an array (storey, run) or (storey, 1)."""
-        from structid.device import jnp
-
         column = {name: theta[:, i] for i, name in enumerate(self.free)}
         values: dict[str, Any] = {}
         for name in STOREY_PARAMETERS:
@@ -224,32 +224,44 @@ class ShearFrame(JaxModel):
         values["damping_ratio"] = column.get("damping_ratio", self.damping_ratio)
         return values
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
-        """Respond inside JAX; see `JaxModel.response`.
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse several signals at once, and an imposed displacement.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is neither a ground motion nor a force on the top floor.
+        """
+        check_one_signal("ShearFrame", excitation)
+        if excitation.kind == "displacement":
+            raise InputError(
+                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
+            )
+
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+        """Respond inside JAX; see `TraceableModel.response`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
+        excitation : TracedExcitation
             Ground motion, or a force on the top floor.
-        stages : jax.Array, shape (time − 1, substeps, 3)
-            Its values.
 
         Returns
         -------
         tuple of jax.Array
             Values (time, channel, run), and whether the state stayed finite (run,).
         """
-        from structid.device import jnp
-        from structid.mechanics.runge_kutta import integrate
-
-        check_one_signal("ShearFrame", excitation)
-        if excitation.kind == "displacement":
-            raise InputError(
-                "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
-            )
-        equations = _Equations(self, self._values(theta), excitation.kind, theta.shape[0])
+        equations = FrameEquations(
+            self.storeys, self.channels, self._values(theta), excitation.kind, theta.shape[0],
+            damping=self.damping, rayleigh_mode=self.rayleigh_mode,
+        )  # fmt: skip
         # Zero times a column, so that the state varies over the runs as the parameters do.
         zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
         final, seen = integrate(
@@ -257,7 +269,7 @@ class ShearFrame(JaxModel):
             lambda s: (s[0], s[1], s[2]),
             equations.observe,
             equations.initial_state(zero),
-            stages,
+            excitation.stages,
             excitation.dt,
         )
         return seen[excitation.dropped_samples :], jnp.isfinite(sum(part.sum(axis=0) for part in final.values()))
@@ -269,6 +281,16 @@ class ShearFrame(JaxModel):
         return digest(
             "ShearFrame", settings, np.asarray(self.damping) if not isinstance(self.damping, str) else self.damping
         )
+
+    @property
+    def loop_channels(self) -> tuple[str, str, str]:
+        """Of the first storey, which carries the base shear."""
+        return ("drift_1", "restoring_force_1", "absorbed_energy_1")
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "shear frame"
 
     def recording(self, *channels: str) -> ShearFrame:
         """Return this frame with other channels.
@@ -305,7 +327,7 @@ class ShearFrame(JaxModel):
             )
         mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
-        matrix = _stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
+        matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
         return np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi)
 
     def __str__(self) -> str:
@@ -313,134 +335,3 @@ class ShearFrame(JaxModel):
         if any(n.startswith(("mass", "stiffness")) for n in self.free):
             return f"ShearFrame: {self.storeys} storeys{free}"
         return f"ShearFrame: {self.storeys} storeys, f {', '.join(f'{f:.4g}' for f in self.frequencies())} Hz{free}"
-
-
-def _stiffness_matrix(stiffness: np.ndarray) -> np.ndarray:
-    """Tridiagonal stiffness matrix of storeys from the ground up."""
-    matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
-    return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)
-
-
-class _Equations:
-    """The frame's equations of motion for one batch; every part of the state is (storey, run)."""
-
-    def __init__(self, frame: ShearFrame, values: dict[str, Any], kind: str, runs: int) -> None:
-        self.frame, self.kind, self.runs = frame, kind, runs
-        self.law = Law(**{name: values[name] for name in Law._fields})
-        self.mass = self._full(values["mass"])
-        self.stiffness = self._full(values["stiffness"])
-        self.viscous = self._viscous(values["damping_ratio"])
-        asked = {c.rpartition("_")[0] for c in frame.channels}
-        self.needs_hysteretic_energy = degrades(self.law) or bool(asked & {"hysteretic_energy", "absorbed_energy"})
-        self.needs_elastic_energy = bool(asked & {"elastic_energy", "absorbed_energy"})
-
-    def _full(self, value: Any) -> Any:
-        from structid.device import jnp
-
-        return jnp.broadcast_to(value, (self.frame.storeys, self.runs))
-
-    def _viscous(self, damping_ratio: Any) -> Any:
-        """M⁻¹ C, shape (storey, storey, run)."""
-        from structid.device import jnp
-
-        frame = self.frame
-        if not isinstance(frame.damping, str):
-            return jnp.asarray(frame.damping)[:, :, None] / self.mass[:, None, :]
-        k, root = self.stiffness.T, jnp.sqrt(self.mass.T)
-        above = jnp.concatenate([k[:, 1:], jnp.zeros((self.runs, 1))], axis=1)
-        upper = jnp.eye(frame.storeys, k=1) * above[:, :, None]
-        matrix = (k + above)[:, :, None] * jnp.eye(frame.storeys) - upper - upper.swapaxes(1, 2)
-        scaled = matrix / (root[:, :, None] * root[:, None, :])
-        squares, modes = jnp.linalg.eigh(scaled)
-        omega = jnp.sqrt(squares)
-        zeta = jnp.broadcast_to(damping_ratio, (self.runs,))[:, None]
-        if frame.damping == "modal":
-            rates = 2.0 * zeta * omega
-        else:
-            # a/(2ω) + bω/2 = ζ at both modes: 2ζω of every mode becomes a + b ω²
-            first, second = omega[:, :1], omega[:, min(frame.rayleigh_mode, frame.storeys) - 1, None]
-            rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
-        symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
-        # M⁻¹ C = M^(−½) S M^½
-        return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
-
-    def initial_state(self, zero: Any) -> dict[str, Any]:
-        """At rest."""
-        state = {"u": zero, "v": zero, "z": zero}
-        if self.needs_hysteretic_energy:
-            state["e_h"] = zero
-        if self.needs_elastic_energy:
-            state["e_e"] = zero
-        return state
-
-    @staticmethod
-    def _drift(floors: Any) -> Any:
-        from structid.device import jnp
-
-        return floors - jnp.concatenate([jnp.zeros_like(floors[:1]), floors[:-1]])
-
-    def _shear(self, drift: Any, z: Any) -> Any:
-        return self.stiffness * (self.law.alpha * drift + (1.0 - self.law.alpha) * z)
-
-    def _acceleration(self, state: dict[str, Any], signal: Any) -> Any:
-        from structid.device import jnp
-
-        shear = self._shear(self._drift(state["u"]), state["z"])
-        above = jnp.concatenate([shear[1:], jnp.zeros_like(shear[:1])])
-        damping = jnp.einsum("ijr,jr->ir", self.viscous, state["v"])
-        motion = -damping + (above - shear) / self.mass
-        if self.kind == "force":
-            return motion.at[-1].add(signal / self.mass[-1])
-        return motion - signal
-
-    def rate(self, state: dict[str, Any], signal: Any) -> dict[str, Any]:
-        """Derivative of the state."""
-        z, drift_rate = state["z"], self._drift(state["v"])
-        slope = {
-            "u": state["v"],
-            "v": self._acceleration(state, signal),
-            "z": hysteretic_rate(drift_rate, z, state.get("e_h"), self.law),
-        }
-        per_mass = self.stiffness / self.mass
-        if self.needs_hysteretic_energy:
-            slope["e_h"] = (1.0 - self.law.alpha) * per_mass * z * drift_rate
-        if self.needs_elastic_energy:
-            slope["e_e"] = self.law.alpha * per_mass * self._drift(state["u"]) * drift_rate
-        return slope
-
-    def observe(self, state: dict[str, Any], signal: Any) -> Any:
-        """Return the channels at a sample, shape (channel, run)."""
-        from structid.device import jnp
-
-        rows = []
-        for channel in self.frame.channels:
-            name, _, number = channel.rpartition("_")
-            rows.append(
-                self._channel("restoring_force", state, signal)[0]
-                if channel == "base_shear"
-                else self._channel(name, state, signal)[int(number) - 1]
-            )
-        return jnp.stack(rows)
-
-    def _channel(self, name: str, state: dict[str, Any], signal: Any) -> Any:
-        match name:
-            case "displacement":
-                return state["u"]
-            case "velocity":
-                return state["v"]
-            case "relative_acceleration":
-                return self._acceleration(state, signal)
-            case "absolute_acceleration":
-                return self._acceleration(state, signal) + (signal if self.kind == "ground_motion" else 0.0)
-            case "drift":
-                return self._drift(state["u"])
-            case "restoring_force":
-                return self._shear(self._drift(state["u"]), state["z"])
-            case "hysteretic_displacement":
-                return state["z"]
-            case "hysteretic_energy":
-                return self.mass * state["e_h"]
-            case "elastic_energy":
-                return self.mass * state["e_e"]
-            case _:
-                return self.mass * (state["e_h"] + state["e_e"])

@@ -13,6 +13,7 @@ from structid.errors import InputError
 from structid.probability.designs import unit_design
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
+from structid.streams import Purpose, derived_seed
 
 
 class Objective(Protocol):
@@ -142,7 +143,9 @@ class Region:
         """
         dimension = self.low.size
         for oversampling in (1, 4, 16, 64, 256):
-            x = 0.01 + 0.98 * unit_design(count * oversampling, dimension, seed, "latin_hypercube")
+            x = 0.01 + 0.98 * unit_design(
+                count * oversampling, dimension, derived_seed(seed, Purpose.SEARCH_STARTS), "latin_hypercube"
+            )
             inside = x[(self.slack(x) > 1e-3).all(axis=1)]
             if len(inside) >= count:
                 return inside[:count]

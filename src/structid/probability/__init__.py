@@ -1,1 +1,1 @@
-"""Prior knowledge: marginals, parameter spaces, designs of experiments."""
+"""Prior distributions, parameter spaces, designs of experiments."""

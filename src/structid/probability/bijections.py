@@ -1,4 +1,4 @@
-"""Smooth maps between the whole of ℝᵈ and a box, coordinate by coordinate, for samplers that know no bounds."""
+"""Smooth maps between ℝᵈ and a box, coordinate by coordinate, for samplers that work without bounds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import numpy as np
 
 
 class Bijection:
-    """Logistic where a coordinate has two bounds, exponential where it has one, a scale where it has none.
+    """Map from ℝᵈ to a box: logistic for a coordinate with two bounds, exponential for one bound, a scale for none.
 
     Parameters
     ----------
     bounds : ndarray, shape (parameter, 2)
-        Smallest and largest value; infinite for none.
+        Smallest and largest value; infinite for no bound.
     scales : ndarray, shape (parameter,), optional
-        Size of one unconstrained unit of a coordinate without bounds.
+        Scale of each coordinate without bounds; 1 by default.
     """
 
     def __init__(self, bounds: np.ndarray, scales: np.ndarray | None = None) -> None:
@@ -104,7 +104,7 @@ class Bijection:
 
 @lru_cache(maxsize=64)
 def _compiled_forward(bounds: tuple[tuple[float, float], ...], scales: tuple[float, ...]) -> Any:
-    """`Bijection.forward`, compiled once for all bijections of the same box: every round of a calibration has one."""
+    """`Bijection.forward`, compiled once for all bijections of the same box; every round of a calibration makes one."""
     from structid.device import over_runs
 
-    return over_runs(Bijection(np.array(bounds), np.array(scales)).forward, spread=False)
+    return over_runs(Bijection(np.array(bounds), np.array(scales)).forward, shard=False)

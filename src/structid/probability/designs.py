@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,19 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from structid.errors import InputError, check_choice
+from structid.streams import Purpose, stream
 
-METHODS = ("latin_hypercube", "maximin", "sobol", "random")
-"""Names of the designs."""
+METHODS = {
+    "latin_hypercube": Purpose.LATIN_HYPERCUBE,
+    "maximin": Purpose.MAXIMIN,
+    "sobol": Purpose.SOBOL,
+    "random": Purpose.RANDOM_DESIGN,
+}
+"""Names of the methods, and the random stream of each."""
 
 
 def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarray:
-    """Points in the unit cube.
+    """Design of experiments in the unit cube.
 
     Parameters
     ----------
@@ -24,7 +31,7 @@ def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarra
     seed : int
         Seed.
     method : {"latin_hypercube", "maximin", "sobol", "random"}
-        The design.
+        How to place the points.
 
     Returns
     -------
@@ -34,24 +41,22 @@ def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarra
     check_choice("sample: method", method, METHODS)
     if count < 1:
         raise InputError("sample: count", f"{count}", "1 or more")
-    rng = np.random.default_rng(np.random.SeedSequence([seed, METHODS.index(method)]))
+    rng = stream(seed, METHODS[method])
     if method == "random":
         points = rng.random((count, dimension))
     elif method == "sobol":
-        # Drawn to the next power of two, where the sequence is balanced, and cut.
+        # Draw up to the next power of two, where the sequence is balanced, and keep the first points.
         power = int(np.ceil(np.log2(max(count, 2))))
         points = qmc.Sobol(dimension, scramble=True, **_generator(rng)).random_base2(power)[:count]
     else:
         points = qmc.LatinHypercube(dimension, **_generator(rng)).random(count)
         if method == "maximin" and count > 2:
-            points = _spread(points, rng)
+            points = _maximin(points, rng)
     return np.clip(points, 1e-12, 1.0 - 1e-12)
 
 
 def _generator(rng: np.random.Generator) -> dict[str, Any]:
-    # SciPy 1.15 renamed the argument.
-    import inspect
-
+    # SciPy 1.15 renamed the argument from seed to rng.
     return {"rng" if "rng" in inspect.signature(qmc.LatinHypercube.__init__).parameters else "seed": rng}
 
 
@@ -71,8 +76,8 @@ def smallest_distance(points: np.ndarray) -> float:
     return float(cKDTree(points).query(points, k=2)[0][:, 1].min())
 
 
-def _spread(points: np.ndarray, rng: np.random.Generator, sweeps: int = 300) -> np.ndarray:
-    """Raise the smallest pair distance of a Latin hypercube by exchanging coordinates of its closest pair."""
+def _maximin(points: np.ndarray, rng: np.random.Generator, sweeps: int = 300) -> np.ndarray:
+    """Increase the smallest distance between points of a Latin hypercube by exchanging coordinates of the closest pair."""
     best = smallest_distance(points)
     for _ in range(sweeps):
         distance = cKDTree(points).query(points, k=2)[0][:, 1]

@@ -1,4 +1,4 @@
-"""Arithmetic written as text, ``"gamma_ratio * beta"``, as a function of named arrays; nothing else is run."""
+"""Arithmetic given as text, such as ``"gamma_ratio * beta"``, as a function of named arrays; no other code is run."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FUNCTIONS = ("sqrt", "exp", "log", "sin", "cos", "tan", "abs")
 
 
 def parse_expression(text: str, where: str) -> tuple[Callable[[Mapping[str, Any]], Any], tuple[str, ...]]:
-    """Turn a text into a function of named arrays.
+    """Turn an arithmetic expression into a function of named arrays.
 
     Parameters
     ----------
@@ -34,12 +34,12 @@ def parse_expression(text: str, where: str) -> tuple[Callable[[Mapping[str, Any]
     Returns
     -------
     tuple of callable and tuple of str
-        The function of a mapping from names to NumPy or JAX arrays, and the names it needs.
+        A function of a mapping from names to NumPy or JAX arrays, and the names that it needs.
 
     Raises
     ------
     InputError
-        If the text says anything else.
+        If the text contains anything else.
     """
     try:
         tree = ast.parse(text, mode="eval").body
@@ -90,7 +90,7 @@ def _evaluate(node: ast.AST, values: Mapping[str, Any]) -> Any:
             return _OPERATORS[type(op)](_evaluate(operand, values))
         case ast.Call(func=ast.Name(id=name), args=[argument]):
             return _call(name, _evaluate(argument, values))
-    raise AssertionError(ast.dump(node))  # _check lets nothing else through
+    raise AssertionError(ast.dump(node))  # _check rejects everything else
 
 
 def _call(name: str, argument: Any) -> Any:

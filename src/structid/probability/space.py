@@ -1,9 +1,9 @@
-"""Named parameters with prior distributions, correlation and derived parameters; designs of experiments over them."""
+"""Parameter spaces: named parameters with prior distributions, correlation and derived parameters; designs of points."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,21 +14,20 @@ import scipy.special
 
 from structid.errors import InputError, suggestion
 from structid.journal import digest, function_identity
+from structid.probability import copula
 from structid.probability.bijections import Bijection
+from structid.probability.derived import Derivation, derivations
 from structid.probability.designs import unit_design
-from structid.probability.expressions import parse_expression
-from structid.probability.marginals import Marginal
+from structid.probability.truncation import Marginal
 from structid.units import factor
 
 if TYPE_CHECKING:
     import xarray
 
-Derivation = Callable[[Mapping[str, Any]], Any]
-
 
 @dataclass(frozen=True)
 class Design:
-    """Parameter points with their names and the space they come from.
+    """Points of a parameter space.
 
     Parameters
     ----------
@@ -53,30 +52,29 @@ class Design:
         return Design(self.values[rows], self.space)
 
     def __add__(self, more: Design) -> Design:
-        """These points and then those of another design of the same space."""
+        """The points of this design followed by those of another design of the same space."""
         if not isinstance(more, Design) or more.space.content_hash != self.space.content_hash:
-            raise InputError(
-                "Design + Design", f"a {type(more).__name__} of another space", "a design of the same space"
-            )
+            came = f"a {type(more).__name__} of another space"
+            raise InputError("Design + Design", came, "a design of the same space")
         return Design(np.vstack([self.values, more.values]), self.space)
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Columns by name, derived parameters included.
+        """Values of named parameters, derived ones included.
 
         Parameters
         ----------
         names : sequence of str
-            Which.
+            Names of the parameters.
 
         Returns
         -------
         ndarray, shape (run, name)
-            Their values in SI.
+            Values in SI.
         """
         return np.asarray(self.space.columns(self.values, names))
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write the points in display units, one column a parameter.
+        """Write the points in display units, one column for each parameter.
 
         Parameters
         ----------
@@ -93,30 +91,30 @@ class Design:
         return Path(path)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Give the points as an xarray Dataset with dimension run.
+        """Return the points as an xarray Dataset with dimension run.
 
         Returns
         -------
         xarray.Dataset
-            A variable per parameter, in SI.
+            A variable for each parameter, in SI.
         """
-        import xarray
+        import xarray  # slow to import
 
         return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
 
 
 class ParameterSpace:
-    """The unknown parameters: names, prior distributions, correlation, and parameters made of others.
+    """The unknown parameters: names, prior distributions, correlation, and parameters derived from others.
 
     Parameters
     ----------
     correlation : mapping of pair of str to float, or ndarray (parameter, parameter), optional
         Correlation of the Gaussian copula: ``{("stiffness", "alpha"): 0.4}`` or the whole matrix.
     derived : mapping of str to callable or str, optional
-        Parameters made of others: ``{"gamma": "gamma_ratio * beta"}``, or a function of a mapping from names to arrays
-        that works on NumPy and JAX arrays alike.
+        Parameters derived from others: ``{"gamma": "gamma_ratio * beta"}``, or a function of a mapping from names to
+        arrays that works on both NumPy and JAX arrays.
     **marginals : Marginal
-        One distribution per parameter.
+        One distribution for each parameter.
 
     Examples
     --------
@@ -135,15 +133,13 @@ class ParameterSpace:
         for name, marginal in marginals.items():
             if not isinstance(marginal, Marginal):
                 raise InputError(
-                    f"ParameterSpace({name})",
-                    f"{marginal!r}",
-                    "a distribution such as Uniform(0.0, 1.0)",
-                    "A known value belongs into the model, not into the space.",
-                )
+                    f"ParameterSpace({name})", f"{marginal!r}", "a distribution such as Uniform(0.0, 1.0)",
+                    "A known value belongs in the model, not in the space.",
+                )  # fmt: skip
         self.marginals: dict[str, Marginal] = dict(marginals)
-        self._correlation = self._correlation_matrix(correlation)
+        self._correlation = copula.correlation_matrix(correlation, self.names)
         self._derived_source = dict(derived or {})
-        self._derived = {name: self._derivation(name, source) for name, source in self._derived_source.items()}
+        self._derived = derivations(self._derived_source, self.names)
 
     # --- names and units ----------------------------------------------------------------------------------------
 
@@ -154,7 +150,7 @@ class ParameterSpace:
 
     @property
     def all_names(self) -> tuple[str, ...]:
-        """Sampled and derived names."""
+        """Names of the sampled and of the derived parameters."""
         return (*self.marginals, *self._derived)
 
     @property
@@ -169,7 +165,7 @@ class ParameterSpace:
 
     @cached_property
     def factors(self) -> np.ndarray:
-        """SI value of one declared unit, shape (parameter,)."""
+        """SI value of one declared unit of each parameter, shape (parameter,)."""
         return np.array([factor(m.unit) for m in self.marginals.values()])
 
     @cached_property
@@ -184,13 +180,13 @@ class ParameterSpace:
 
     @property
     def content_hash(self) -> str:
-        """Hash of the names and distributions."""
+        """Hash of names, distributions, derived parameters and correlation."""
         derived = {n: s if isinstance(s, str) else function_identity(s) for n, s in self._derived_source.items()}
         correlation = [] if self._correlation is None else self._correlation.tolist()
         return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
 
     def to_plain(self) -> dict[str, Any]:
-        """Give everything `from_plain` needs, as JSON can say it; a derived parameter that is a function is named only.
+        """Describe the space for `from_plain`, ready for JSON; a derived parameter that is a function is only named.
 
         Returns
         -------
@@ -205,7 +201,7 @@ class ParameterSpace:
 
     @classmethod
     def from_plain(cls, plain: dict[str, Any]) -> ParameterSpace:
-        """Make a space again from what `to_plain` said.
+        """Rebuild a space from the description by `to_plain`.
 
         Parameters
         ----------
@@ -215,7 +211,7 @@ class ParameterSpace:
         Returns
         -------
         ParameterSpace
-            The same space; without derived parameters that are functions, which a file cannot hold.
+            The same space, but without derived parameters that are functions.
         """
         derived = {n: s for n, s in plain["derived"].items() if s is not None}
         correlation = None if plain["correlation"] is None else np.array(plain["correlation"])
@@ -223,12 +219,12 @@ class ParameterSpace:
         return cls(correlation, derived, **marginals)
 
     def extended(self, **marginals: Marginal) -> ParameterSpace:
-        """Return this space with further, independent parameters.
+        """Return this space with additional, independent parameters.
 
         Parameters
         ----------
         **marginals : Marginal
-            Their distributions.
+            Distributions of the additional parameters.
 
         Returns
         -------
@@ -244,63 +240,10 @@ class ParameterSpace:
             correlation[: self.dimension, : self.dimension] = self._correlation
         return ParameterSpace(correlation, self._derived_source, **{**self.marginals, **marginals})
 
-    def _correlation_matrix(self, given: Mapping[tuple[str, str], float] | np.ndarray | None) -> np.ndarray | None:
-        if given is None or self.dimension == 0:
-            return None
-        if isinstance(given, Mapping):
-            matrix = np.eye(self.dimension)
-            for pair, value in given.items():
-                for name in pair:
-                    if name not in self.marginals:
-                        raise InputError(
-                            "correlation",
-                            f"the name '{name}'",
-                            ", ".join(self.names),
-                            suggestion(name, self.names),
-                        )
-                i, j = (self.names.index(n) for n in pair)
-                matrix[i, j] = matrix[j, i] = value
-        else:
-            matrix = np.array(given, dtype=np.float64)
-        shape = (self.dimension, self.dimension)
-        if matrix.shape != shape or not np.allclose(matrix, matrix.T) or not np.allclose(np.diag(matrix), 1.0):
-            raise InputError(
-                "correlation",
-                f"an array of shape {matrix.shape}",
-                f"a symmetric {shape} matrix with ones on its diagonal",
-            )
-        if np.linalg.eigvalsh(matrix).min() <= 1e-10:
-            raise InputError(
-                "correlation",
-                f"a matrix whose smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():.2g}",
-                "a positive definite one",
-                "Weaken the correlations: together they contradict one another.",
-            )
-        return matrix
-
-    def _derivation(self, name: str, source: Derivation | str) -> Derivation:
-        if name in self.marginals:
-            raise InputError(
-                f"derived '{name}'", "a name that has a prior as well", "a new name", "Remove one of them."
-            )
-        if callable(source):
-            return source
-        function, needed = parse_expression(source, f"derived '{name}'")
-        earlier = [*self.marginals, *list(self._derived_source)[: list(self._derived_source).index(name)]]
-        for other in needed:
-            if other not in earlier:
-                raise InputError(
-                    f"derived '{name}'",
-                    f"'{other}' in '{source}'",
-                    ", ".join(earlier),
-                    suggestion(other, earlier),
-                )
-        return function
-
     # --- values -------------------------------------------------------------------------------------------------
 
     def complete(self, theta: Any) -> dict[str, Any]:
-        """All parameters by name, derived ones included.
+        """Values of all parameters by name, derived ones included.
 
         Parameters
         ----------
@@ -310,7 +253,7 @@ class ParameterSpace:
         Returns
         -------
         dict of str to array, shape (...)
-            The values in SI.
+            Values in SI.
         """
         values: dict[str, Any] = {name: theta[..., i] for i, name in enumerate(self.marginals)}
         for name, derive in self._derived.items():
@@ -318,28 +261,24 @@ class ParameterSpace:
         return values
 
     def columns(self, theta: Any, names: Sequence[str]) -> Any:
-        """Columns of named parameters.
+        """Values of named parameters.
 
         Parameters
         ----------
         theta : array, shape (..., parameter)
             Points in SI, NumPy or JAX.
         names : sequence of str
-            Which, in this order.
+            Names of the parameters, in the order of the columns.
 
         Returns
         -------
         array, shape (..., name)
-            Their values in SI; the same kind of array as `theta` unless something is derived.
+            Values in SI; the same kind of array as `theta`, but a JAX array if a parameter is derived.
         """
         missing = [n for n in names if n not in self.all_names]
         if missing:
-            raise InputError(
-                "parameters",
-                f"'{missing[0]}' is asked for",
-                ", ".join(self.all_names),
-                suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model.",
-            )
+            cure = suggestion(missing[0], self.all_names) or "Give it a prior, or fix it in the model."
+            raise InputError("parameters", f"'{missing[0]}' is requested", ", ".join(self.all_names), cure)
         if tuple(names) == self.names:
             return theta
         if isinstance(theta, np.ndarray) and not self._derived:
@@ -358,12 +297,12 @@ class ParameterSpace:
         count : int
             Number of points.
         seed : int
-            Seed: the same one gives the same design.
+            Seed; the same seed gives the same design.
         method : {"latin_hypercube", "maximin", "sobol", "random"}
-            How to spread the points.
+            How to place the points.
         widen : float
-            Normal scores are multiplied by this: a design that a surrogate is fitted to should reach further into the tails
-            than the points it will be asked for (1.3 to 1.6). Bounds hold all the same.
+            Factor on the normal scores. A design for fitting a surrogate should reach further into the tails than the points
+            at which the surrogate is evaluated later (1.3 to 1.6). Bounds still hold.
 
         Returns
         -------
@@ -393,8 +332,7 @@ class ParameterSpace:
             Points in SI.
         """
         if self._correlation is not None:
-            z = scipy.special.ndtri(u) @ np.linalg.cholesky(self._correlation).T
-            u = scipy.special.ndtr(z)
+            u = copula.correlated(u, self._correlation)
         return np.stack([m.quantile(u[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
 
     def to_uniform(self, theta: np.ndarray) -> np.ndarray:
@@ -411,10 +349,7 @@ class ParameterSpace:
             Points of the unit cube, uniform and independent under the prior.
         """
         u = self.cdf(theta)
-        if self._correlation is None:
-            return u
-        z = np.linalg.solve(np.linalg.cholesky(self._correlation), scipy.special.ndtri(u)[..., None])[..., 0]
-        return scipy.special.ndtr(z)
+        return u if self._correlation is None else copula.decorrelated(u, self._correlation)
 
     def cdf(self, theta: np.ndarray) -> np.ndarray:
         """Marginal cumulative distributions.
@@ -461,13 +396,15 @@ class ParameterSpace:
             Log density; −inf outside the support.
         """
         theta = np.asarray(theta, dtype=np.float64)
-        total = np.sum([m.log_density(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=0)
+        parts = [m.log_density(theta[..., i]) for i, m in enumerate(self.marginals.values())]
+        total: np.ndarray = np.sum(parts, axis=0)
         if self._correlation is None:
             return total
         z = scipy.special.ndtri(np.clip(self.cdf(theta), 1e-300, 1 - 1e-16))
-        return total + _copula_log_density(z, self._correlation, np)
+        joint: np.ndarray = total + copula.copula_log_density(z, self._correlation, np)
+        return joint
 
-    # --- JAX face -----------------------------------------------------------------------------------------------
+    # --- inside JAX ---------------------------------------------------------------------------------------------
 
     def jax_log_density(self, theta: Any) -> Any:
         """Joint prior log density inside JAX, with gradients.
@@ -491,24 +428,17 @@ class ParameterSpace:
         if self._correlation is None:
             return total
         u = jnp.stack([m.jax_cdf(theta[..., i]) for i, m in enumerate(self.marginals.values())], axis=-1)
-        return total + _copula_log_density(special.ndtri(jnp.clip(u, 1e-300, 1 - 1e-16)), self._correlation, jnp)
+        z = special.ndtri(jnp.clip(u, 1e-300, 1 - 1e-16))
+        return total + copula.copula_log_density(z, self._correlation, jnp)
 
     @cached_property
     def bijection(self) -> Bijection:
-        """Smooth map between ℝᵈ and the support, with the prior's scale where there are no bounds."""
+        """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation."""
         quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)
         return Bijection(self.bounds, (quartiles[:, 1] - quartiles[:, 0]) / 1.349)
 
     def __repr__(self) -> str:
         rows = [f"  {name}: {m}" for name, m in self.marginals.items()]
-        rows += [
-            f"  {name} = {source if isinstance(source, str) else 'function'}"
-            for name, source in self._derived_source.items()
-        ]
+        texts = {n: s if isinstance(s, str) else "function" for n, s in self._derived_source.items()}
+        rows += [f"  {name} = {text}" for name, text in texts.items()]
         return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
-
-
-def _copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:
-    """Gaussian copula: log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z."""
-    excess = np.linalg.inv(correlation) - np.eye(len(correlation))
-    return -0.5 * np.linalg.slogdet(correlation)[1] - 0.5 * numpy.einsum("...i,ij,...j->...", z, excess, z)

@@ -6,26 +6,26 @@ import functools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from structid.calibration.calibration_result import CalibrationResult
+from structid.channels import standard_unit
 from structid.errors import InputError
 from structid.figures import calibration as calibration_figures
+from structid.figures import loops as loop_figures
 from structid.figures import posterior as posterior_figures
 from structid.figures import response as response_figures
 from structid.ground_motion.record import GroundMotion
-from structid.histories import display_unit
 from structid.inference.assessment.identifiability import Identifiability, identifiability
 from structid.inference.assessment.prediction import Prediction, predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult, Summary
-from structid.models.bouc_wen import BoucWen
-from structid.models.face import JaxModel, Model
-from structid.models.shear_frame import ShearFrame
-from structid.optimize import OptimizeResult
+from structid.models.face import Model
+from structid.optimize.minima import OptimizeResult
 from structid.runs import Runs
+from structid.streams import Purpose, derived_seed
 from structid.surrogates.face import Surrogate
 from structid.units import factor
 
@@ -35,7 +35,6 @@ RUNS_CAPTION = (
     "Left: the responses of the design; at each time the bands hold 50 and 90 % of the runs. Right: the design."
 )
 """What the figure of a campaign shows."""
-_LOOP = ("displacement", "restoring_force", "absorbed_energy")
 
 
 @dataclass(frozen=True)
@@ -132,7 +131,7 @@ class ReportContent:
         searches: dict[str, OptimizeResult],
         raw_record: GroundMotion,
         record: GroundMotion,
-        truths: tuple[JaxModel | None, ...],
+        truths: tuple[Model | None, ...],
         true_values: dict[str, float],
         other_records: tuple[GroundMotion, ...],
         prediction_draws: int,
@@ -152,7 +151,7 @@ class ReportContent:
             Deterministic calibrations.
         raw_record, record : GroundMotion
             First record before and after processing.
-        truths : tuple of JaxModel or None
+        truths : tuple of Model or None
             True models of virtual experiments.
         true_values : dict of str to float
             True parameters in SI.
@@ -202,7 +201,7 @@ class ReportContent:
                 for name, search in searches.items()
                 if (loops := _search_loop(true_posterior, search, best)) is not None
             },
-            information=identifiability(posterior, best) if isinstance(posterior.model, JaxModel) else None,
+            information=identifiability(posterior, best) if posterior.model.traceable else None,
             others=others,
             model=true_posterior.model,
             runs=runs,
@@ -278,7 +277,7 @@ class ReportContent:
                 / self._add("data", "processing", "The record before (scaled to the same peak) and after processing."),
             )
         for index, observation in enumerate(self.posterior.observations):
-            units = [display_unit(c) for c in observation.channels]
+            units = [observation.channel_unit(c).display for c in observation.channels]
             columns = [observation.values[:, i] / factor(u) for i, u in enumerate(units)]
             name = self._add(
                 "data", f"measurement{self._suffix(index)}", f"The measurement on {observation.record.name}."
@@ -295,7 +294,7 @@ class ReportContent:
             prediction, best = self.predictions[index], self.best_predictions[index]
             inner, outer = prediction.band(), prediction.band(discrepancy=True)
             for c, channel in enumerate(observation.channels):
-                unit = display_unit(channel)
+                unit = observation.channel_unit(channel).display
                 by = factor(unit)
                 name = self._add(
                     "response",
@@ -349,7 +348,7 @@ class ReportContent:
         known = None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3)
         caption = "Hysteresis loops at the MAP estimate and at posterior draws (thin)"
         caption += "." if truth is None else ", against the virtual experiment's, which the calibration has not seen."
-        response_figures.loops(
+        loop_figures.loops(
             known,
             (loops[0, :, 0] * 1e3, loops[0, :, 1] * 1e-3),
             save=folder / self._add("response", f"loops{self._suffix(index)}", caption),
@@ -370,7 +369,7 @@ class ReportContent:
         factors, names = space.factors, space.names
         units = list(space.units.values())
         draws = result.thinned(20_000) / factors
-        prior = space.sample(4000, seed=result.seed).values / factors
+        prior = space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors
         supports = [tuple(b / f) for b, f in zip(space.bounds, factors, strict=True)]
         best = result.map_estimate / factors
         truth = {n: v / factors[names.index(n)] for n, v in self.true_values.items()}
@@ -427,13 +426,13 @@ class ReportContent:
             return
         observation = self.posterior.observations[0]
         channel = observation.channels[0]
-        unit = display_unit(channel)
+        unit = observation.channel_unit(channel).display
         truth = self.truth_loops[0]
         predictions = {
             name: self.posterior.predict(self._with_rest(s.best.theta)[None])[0, :, 0] / factor(unit)
             for name, s in self.searches.items()
         }
-        response_figures.identified(
+        loop_figures.identified(
             observation.record.time,
             observation.values[:, 0] / factor(unit),
             predictions,
@@ -451,7 +450,7 @@ class ReportContent:
         for index, other in enumerate(self.others):
             inner, outer = other.prediction.band(), other.prediction.band(discrepancy=True)
             for c, channel in enumerate(other.prediction.channels):
-                unit = display_unit(channel)
+                unit = standard_unit(channel).display
                 by = factor(unit)
                 name = self._add(
                     "other records", f"other_{index + 1}_{channel}", f"Predicted {channel} for {other.name}."
@@ -506,8 +505,9 @@ def draw_surrogate(surrogate: Surrogate, folder: Path) -> list[tuple[str, str]]:
 
 def _surrogate_of(result: SamplingResult) -> Surrogate | None:
     """The surrogate that was sampled, or that made the proposals."""
-    model = getattr(result.sampler, "approximation", None) or getattr(result.target, "model", None)
-    return model if isinstance(model, Surrogate) else None
+    assert isinstance(result.target, Posterior)
+    model = result.sampler.proposal_model or result.target.model
+    return None if model.stand_in is None else cast(Surrogate, model)
 
 
 def _other(
@@ -519,7 +519,7 @@ def _other(
     seed: int,
 ) -> OtherRecord:
     """Predict for another record, by the model itself where the surrogate knows only its own."""
-    if isinstance(posterior.model, Surrogate):
+    if posterior.model.stand_in is not None:
         try:
             posterior.model.check_excitation(record)
         except InputError:
@@ -528,22 +528,13 @@ def _other(
     return OtherRecord(record.name, predict(posterior, draws, record, seed=seed), best_response)
 
 
-def _loop_channels(model: Any) -> tuple[str, ...] | None:
-    if isinstance(model, BoucWen):
-        return _LOOP
-    if isinstance(model, ShearFrame):
-        # The first storey, which carries the base shear.
-        return ("drift_1", "restoring_force_1", "absorbed_energy_1")
-    return None
-
-
 def _loop(model: Any, theta: np.ndarray, record: Any) -> np.ndarray | None:
     loops = _simulate_loops(model, theta, record)
     return None if loops is None else loops[0]
 
 
 def _simulate_loops(model: Any, theta: np.ndarray, record: Any) -> np.ndarray | None:
-    channels = _loop_channels(model)
+    channels = model.loop_channels
     return None if channels is None else model.recording(*channels).simulate(theta, record).values
 
 

@@ -10,11 +10,9 @@ import jinja2
 import numpy as np
 
 from structid.figures import response as response_figures
-from structid.histories import display_unit
 from structid.inference.assessment.comparison import Comparison
 from structid.inference.assessment.prediction import Prediction
-from structid.inference.likelihood.discrepancy import IID
-from structid.inference.likelihood.posterior import Observation
+from structid.inference.likelihood.observation import Observation
 from structid.journal import write_then_rename
 from structid.report import tables
 from structid.report.content import RUNS_CAPTION, ReportContent, draw_surrogate
@@ -69,7 +67,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         title=content.title,
         verdict=verdict,
         cost=content.result.cost,
-        too_sure=isinstance(content.posterior.discrepancy, IID) and any(r.correlated for r in content.result.residuals),
+        too_sure=content.posterior.discrepancy.independent and any(r.correlated for r in content.result.residuals),
         calibration=content.calibration,
         exp=np.exp,
         parameters=content.posterior.names,
@@ -78,7 +76,7 @@ def write_report(content: ReportContent, folder: Path, timings: dict[str, float]
         settings=content.settings,
         sentence=_sentence(content),
         information=content.information,
-        independent=isinstance(content.posterior.discrepancy, IID),
+        independent=content.posterior.discrepancy.independent,
         law=content.posterior.discrepancy.describe()["kind"].replace("_", " "),
         has_truth=bool(content.true_values),
         tables={
@@ -186,7 +184,7 @@ def write_comparison(
     (folder / "figures").mkdir(parents=True, exist_ok=True)
     classes, figures = [c.name for c in comparison.classes], []
     for c, channel in enumerate(observation.channels):
-        unit, name = display_unit(channel), f"predictions_{channel}"
+        unit, name = observation.channel_unit(channel).display, f"predictions_{channel}"
         by = factor(unit)
 
         def edges(prediction: Prediction, discrepancy: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -235,7 +233,7 @@ def _embedded(path: Path) -> str:
 def _sentence(content: ReportContent) -> str:
     """Say in one sentence what was done."""
     posterior = content.posterior
-    kind = {"BoucWen": "Bouc–Wen oscillator", "ShearFrame": "shear frame"}.get(type(content.model).__name__, "model")
+    kind = content.model.kind_in_words
     through = f", through a {content.surrogate.fitted.kind} surrogate," if content.surrogate is not None else ""
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))

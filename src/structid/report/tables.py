@@ -1,4 +1,7 @@
-"""Tables of a report: rows of text, numbers with as many digits as they deserve."""
+"""Tables of a report: rows of text, numbers with as many digits as they deserve.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -9,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from structid.calibration.calibration_result import CalibrationResult
+from structid.channels import standard_unit
 from structid.figures.style import pretty, pretty_unit
 from structid.inference.assessment.diagnostics import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
 from structid.report.content import ReportContent
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
-from structid.surrogates.narx.parametric_narx import ParametricNARX
-from structid.units import label
+from structid.units import factor, label
 
 Table = tuple[list[str], list[list[str]]]
 """Heads and rows."""
@@ -51,7 +54,7 @@ def _at_zero(value: float) -> str:
 
 
 def posterior_table(content: ReportContent) -> Table:
-    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the source's tables have them.
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them.
 
     Parameters
     ----------
@@ -283,13 +286,10 @@ def others_table(content: ReportContent) -> Table | None:
     tuple of list or None
         Heads and rows, in display units.
     """
-    from structid.histories import display_unit
-    from structid.units import factor
-
     rows: list[list[Any]] = []
     for other in content.others:
         for c, channel in enumerate(other.prediction.channels):
-            unit = display_unit(channel)
+            unit = standard_unit(channel).display
             peaks = other.prediction.peaks[:, c] / factor(unit)
             low, median, high = np.quantile(peaks, [0.05, 0.5, 0.95])
             spread = high - low
@@ -408,8 +408,7 @@ def surrogate_table(surrogate: Surrogate) -> Table:
             ["validation runs outside its range", f"{validation.outside} of {len(validation.errors)}"],
         ]
     rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({judged})"])
-    if isinstance(surrogate, ParametricNARX):
-        rows.append(["terms", ", ".join(surrogate.terms)])
+    rows += [[name, value] for name, value in surrogate.structure_in_words]
     shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
     rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]
     return ["", ""], rows

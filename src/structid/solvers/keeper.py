@@ -11,6 +11,7 @@ lifeline close and kill their process groups.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import pickle
 import signal
@@ -221,10 +222,10 @@ def ended_by(code: int) -> str:
 
 
 def main() -> None:
-    """Be a keeper: the arguments are the sockets' and the lifeline's file descriptors."""
+    """Be a keeper: the arguments are the file descriptors of socket and lifeline, and a module to import beforehand."""
     channel, lifeline = (int(word) for word in sys.argv[1:3])
     threading.Thread(target=die_with_the_owner, args=(lifeline,), daemon=True).start()
-    # What takes a second is imported here, once; every runner inherits it.
-    import structid.solvers.external  # noqa: F401
-
+    if sys.argv[3]:
+        # What takes a second is imported here, once. Every runner inherits it.
+        importlib.import_module(sys.argv[3])
     Keeper(Connection(channel), lifeline).serve()

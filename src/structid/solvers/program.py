@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import os
 import re
@@ -17,15 +18,16 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from structid.channels import declared_unit
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
-from structid.histories import CHANNEL_UNITS, base_channel
 from structid.journal import digest
 from structid.reasons import with_words
-from structid.solvers.external import STANDARD_OUTPUT, ExternalModel, SolverError, Task
+from structid.solvers.external import ExternalModel
 from structid.solvers.keeper import ended_by
+from structid.solvers.protocol import STANDARD_OUTPUT, SolverError, Task
 from structid.solvers.watchdog import LAST_WORDS
-from structid.units import factor, to_si
+from structid.units import factor
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,7 @@ class OutputFile:
         for channel, unit in self.units.items():
             if channel not in self.columns:
                 raise InputError("OutputFile.units", f"a unit for '{channel}'", ", ".join(self.columns))
-            expected = CHANNEL_UNITS.get(base_channel(channel))
-            if expected is None:
-                factor(unit)
-            else:
-                to_si(f"1 {unit}", expected[0], f"unit of the column '{channel}'")
+            declared_unit(channel, unit)
 
 
 class ProgramModel(ExternalModel):
@@ -116,7 +114,7 @@ class ProgramModel(ExternalModel):
         time_limit: float | None = None,
         version: str = "",
     ) -> None:
-        super().__init__(free, tuple(output.columns), time_limit, version=version)
+        super().__init__(free, tuple(output.columns), time_limit, version=version, units=output.units)
         if keep not in ("failed", "all", "none"):
             raise InputError("ProgramModel.keep", f"'{keep}'", "'failed', 'all' or 'none'")
         self.folder = Path(folder).resolve()
@@ -129,6 +127,23 @@ class ProgramModel(ExternalModel):
         self.copies = tuple(self._existing(path) for path in copies)
         self.scratch = Path(scratch) if scratch is not None else Path(tempfile.gettempdir()) / f"structid-{os.getuid()}"
         self._check_templates()
+
+    def working_in(self, folder: Path) -> ProgramModel:
+        """Return this model with another place for its scratch folders.
+
+        Parameters
+        ----------
+        folder : Path
+            Made if it is not there.
+
+        Returns
+        -------
+        ProgramModel
+            A copy.
+        """
+        other = copy.copy(self)
+        other.scratch = folder
+        return other
 
     def _existing(self, path: str | os.PathLike[str]) -> Path:
         found = self.folder / path

@@ -15,8 +15,10 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
-from structid.models.face import JaxModel, Model
-from structid.solvers.external import ExternalModel, SolverError, Task
+from structid.models.face import Model
+from structid.models.traceable import as_traceable
+from structid.solvers.external import ExternalModel
+from structid.solvers.protocol import SolverError, Task
 
 
 class UMBridgeModel(ExternalModel):
@@ -185,7 +187,7 @@ class ServedModel(Served):
     """
 
     def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
-        super().__init__(name, isinstance(model, JaxModel))
+        super().__init__(name, model.traceable)
         self.model, self.excitation = model, excitation
 
     def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
@@ -285,10 +287,9 @@ class ServedModel(Served):
 
     def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
         """One channel's history as a function of the parameters, inside JAX."""
-        model, excitation = self.model, self._driven_by(config)
-        assert isinstance(model, JaxModel)
-        stages = excitation.stage_values(model.substeps)
-        return lambda theta: model.response(theta[None], excitation, stages)[0][:, number, 0]
+        model = as_traceable(self.model, f"derivatives of {self.name}")
+        excitation = model.traced(self._driven_by(config))
+        return lambda theta: model.response(theta[None], excitation)[0][:, number, 0]
 
     def _driven_by(self, config: Mapping[str, Any]) -> Excitation:
         record = config.get("record")

@@ -93,7 +93,9 @@ class Watchdog:
         self._finalizer: Any = None
         self._killed = False
 
-    def call(self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None) -> Any:
+    def call(
+        self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None, preloaded: str = ""
+    ) -> Any:
         """Run a function where it can do no harm.
 
         Parameters
@@ -106,6 +108,8 @@ class Watchdog:
             Its arguments.
         time_limit : float or None
             Seconds it may take.
+        preloaded : str
+            Module that a keeper imports when it is started for this call.
 
         Returns
         -------
@@ -123,7 +127,7 @@ class Watchdog:
         Exception
             Whatever the function raised.
         """
-        kept = self._kept or self._start()
+        kept = self._kept or self._start(preloaded)
         if self._killed:  # while it was being started
             self.close()
             raise CallDiedError("it was stopped before it began")
@@ -172,13 +176,13 @@ class Watchdog:
             self._kept = None
             self._finalizer()
 
-    def _start(self) -> _Kept:
+    def _start(self, preloaded: str) -> _Kept:
         ours, theirs = socket.socketpair()
         read_end, write_end = os.pipe()
         voice = _nameless_file()
         search_path = [folder or str(Path.cwd()) for folder in sys.path]
         process = subprocess.Popen(
-            [sys.executable, "-c", _START, json.dumps(search_path), str(theirs.fileno()), str(read_end)],
+            [sys.executable, "-c", _START, json.dumps(search_path), str(theirs.fileno()), str(read_end), preloaded],
             stdin=subprocess.DEVNULL,
             stdout=voice,
             stderr=voice,

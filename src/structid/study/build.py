@@ -11,27 +11,31 @@ from typing import Any
 import numpy as np
 
 from structid.calibration.sequential import Plan
+from structid.channels import standard_unit
 from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
-from structid.histories import CHANNEL_UNITS, Histories, base_channel
+from structid.histories import Histories
 from structid.inference.likelihood.correlated import AR1, DampedCosine, Matern32
 from structid.inference.likelihood.discrepancy import IID, Discrepancy
-from structid.inference.likelihood.posterior import Observation, Posterior
+from structid.inference.likelihood.observation import Observation
+from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
 from structid.inference.sampling.ensemble import AIES
 from structid.inference.sampling.gradient import NUTS
 from structid.inference.sampling.sampler import Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.journal import digest
-from structid.models.bouc_wen import PARAMETER_UNITS, BoucWen
-from structid.models.face import JaxModel, Model
+from structid.models.bouc_wen import BoucWen
+from structid.models.face import Model
+from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.models.shear_frame import STOREY_PARAMETERS, ShearFrame
 from structid.optimize.region import region
 from structid.probability import marginals
 from structid.probability.expressions import parse_expression
-from structid.probability.marginals import Marginal
 from structid.probability.space import Design, ParameterSpace
+from structid.probability.truncation import Marginal
+from structid.streams import Purpose, stream
 from structid.study.external import external_model
 from structid.study.schema import (
     CalibrationSection,
@@ -46,6 +50,8 @@ from structid.study.schema import (
     VirtualSection,
 )
 from structid.study.surrogate import surrogate_settings
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.registry import by_word
 from structid.units import factor, to_si
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
@@ -114,7 +120,7 @@ class BuiltStudy:
     campaign_records: tuple[GroundMotion, ...]
     posterior: Posterior | None
     sampler: Sampler
-    truths: tuple[JaxModel | None, ...]
+    truths: tuple[Model | None, ...]
     other_records: tuple[GroundMotion, ...]
     plan: Plan | None
 
@@ -145,6 +151,28 @@ class BuiltStudy:
             parts["calibration"] = digest(self.plan.describe())
         return parts
 
+    def working_in(self, folder: Path) -> BuiltStudy:
+        """Return the study with a folder for the files that runs of its model leave.
+
+        Parameters
+        ----------
+        folder : Path
+            The folder.
+
+        Returns
+        -------
+        BuiltStudy
+            The same study.
+        """
+        model = self.model.working_in(folder)
+        posterior = None if self.posterior is None else self.posterior.on(model)
+        return self if model is self.model else replace(self, model=model, posterior=posterior)
+
+    @property
+    def surrogate_kind(self) -> SurrogateKind | None:
+        """Kind of the surrogate, if one stands in for the model."""
+        return by_word().get(self.file.surrogate.kind)
+
     @property
     def has_surrogate(self) -> bool:
         """Whether a surrogate stands in for the model."""
@@ -154,7 +182,8 @@ class BuiltStudy:
     def validation_runs(self) -> int:
         """True runs that validate the surrogate: as many on each record for one that knows only its own."""
         section = self.file.surrogate
-        return section.validation * (len(self.campaign_records) if section.kind.startswith("pod") else 1)
+        each = self.surrogate_kind is not None and self.surrogate_kind.own_records
+        return section.validation * (len(self.campaign_records) if each else 1)
 
     @property
     def sampled(self) -> Posterior:
@@ -167,8 +196,8 @@ class BuiltStudy:
         """The deterministic searches: both for a built-in model unless the file says otherwise, none for an external one."""
         methods = self.file.deterministic.methods
         if methods is None:
-            return ("pattern_search", "interior_point") if isinstance(self.model, JaxModel) else ()
-        if "interior_point" in methods and not isinstance(self.model, JaxModel):
+            return ("pattern_search", "interior_point") if self.model.traceable else ()
+        if "interior_point" in methods and not self.model.traceable:
             raise InputError(
                 "key 'deterministic.methods'", "'interior_point' for an external model, which has no derivatives",
                 "['pattern_search'] or []", "Pattern search needs none, but hundreds of runs.",
@@ -266,7 +295,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     for index, section in enumerate(file.observation):
         where = "observation" if len(file.observation) == 1 else f"observation.{index}"
         own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
-        observation, truth = _observation(section, own, folder, where, file.seed + index)
+        observation, truth = _observation(section, own, folder, where, file.seed, index)
         observations.append(observation)
         truths.append(truth)
     posterior = None
@@ -336,7 +365,7 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
             "it is given with kind = 'none'",
             "a kind of surrogate, or no key beside kind",
         )
-    if isinstance(study.sampler, DelayedAcceptance) and not study.has_surrogate:
+    if study.sampler.exact and not study.has_surrogate:
         raise InputError(
             "key 'sampler.kind'",
             "'delayed_acceptance' without a [surrogate]",
@@ -349,13 +378,13 @@ def _check_before_anything_is_written(study: BuiltStudy) -> None:
     if study.posterior is None:
         return
     dimension = study.posterior.dimension
-    if isinstance(study.sampler, NUTS):
-        if not (study.has_surrogate or isinstance(study.model, JaxModel)):
+    if study.sampler.needs_derivatives:
+        if not (study.has_surrogate or study.model.traceable):
             raise InputError(
                 "key 'sampler.kind'", "'nuts' for an external model, which has no derivatives",
                 "'aies' or 'smc', or a [surrogate]",
             )  # fmt: skip
-    elif study.sampler.walkers < 2 * dimension:
+    elif study.sampler.interacting and study.sampler.walkers < 2 * dimension:
         raise InputError(
             "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"
         )
@@ -407,7 +436,7 @@ def _campaign(
     widen = section.widen or (1.0 if kind == "none" else SURROGATE_WIDENING)
     design = space.sample(section.runs, seed, section.method, widen)
     records = (*(driven_by[:1] if kind == "none" else driven_by), *further)
-    if kind.startswith("pod"):  # knows only the records it was fitted to: every point on each
+    if kind != "none" and by_word()[kind].own_records:  # every point on each of them
         design = Design(np.repeat(design.values, len(records), axis=0), space)
     return design, records
 
@@ -555,7 +584,7 @@ def _model(
     return _construct(section.type, given, free, channels)
 
 
-def _construct(kind: str, given: dict[str, Any], free: tuple[str, ...], channels: tuple[str, ...]) -> JaxModel:
+def _construct(kind: str, given: dict[str, Any], free: tuple[str, ...], channels: tuple[str, ...]) -> Model:
     if kind == "bouc_wen":
         return BoucWen(free=free, channels=channels, **given)
     return ShearFrame(free=free, channels=channels, **given)
@@ -570,19 +599,19 @@ def _frame_parameters(storeys: int) -> set[str]:
 
 
 def _observation(
-    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int
-) -> tuple[Observation, JaxModel | None]:
+    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, index: int
+) -> tuple[Observation, Model | None]:
     if (section.file is None) == (section.virtual is None):
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
-    unit = CHANNEL_UNITS.get(base_channel(section.channels[0]), ("", ""))[0]
+    unit = standard_unit(section.channels[0]).si
     nuisances: dict[str, Any] = {
         name: _prior(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
         for name in ("gain", "offset", "time_shift")
         if (prior := getattr(section, name)) is not None
     }
     if section.virtual is not None:
-        truth, values = _virtual_experiment(section.virtual, record, section.channels, seed)
+        truth, values = _virtual_experiment(section.virtual, record, section.channels, seed, index)
         return Observation(record, values, section.channels, name=where, **nuisances), truth
     assert section.file is not None
     if len(section.channels) != 1:
@@ -604,8 +633,8 @@ def _observation(
 
 
 def _virtual_experiment(
-    section: VirtualSection, record: GroundMotion, channels: tuple[str, ...], seed: int
-) -> tuple[JaxModel, np.ndarray]:
+    section: VirtualSection, record: GroundMotion, channels: tuple[str, ...], seed: int, index: int
+) -> tuple[Model, np.ndarray]:
     """Simulate the true model and add white noise of a fraction of each channel's RMS."""
     given = {k: v for k, v in section.model.model_dump(exclude={"type"}).items() if v is not None}
     truth = _construct(section.model.type, given, (), channels)
@@ -615,7 +644,8 @@ def _virtual_experiment(
             "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
         )
     values = run.values[0]
-    rng = np.random.default_rng(np.random.SeedSequence([seed if section.seed is None else section.seed, 0x6E6F6973]))
+    own = (seed, index) if section.seed is None else (section.seed, 0)
+    rng = stream(own[0], Purpose.VIRTUAL_NOISE, own[1])
     rms = np.sqrt((values**2).mean(axis=0))
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 
@@ -636,7 +666,7 @@ def _discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy:
     for key in given:
         if key not in known:
             raise InputError(f"key 'discrepancy.{key}'", f"a key that {section.kind} does not know", ", ".join(known))
-    units = {CHANNEL_UNITS.get(base_channel(c), ("", ""))[0] for c in channels}
+    units = {standard_unit(c).si for c in channels}
     for key in ("variance", "white"):
         if getattr(section, key) is not None and len(units) > 1:
             raise InputError(

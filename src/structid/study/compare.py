@@ -16,7 +16,6 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
-from structid.models.face import JaxModel
 from structid.report.page import write_comparison
 from structid.study.run import IDENTITY, Outcome, Stage, silent, stored_outcome
 
@@ -109,7 +108,7 @@ def _model_class(path: Path, name: str, outcome: Outcome) -> tuple[ModelClass, P
     return ModelClass(
         name,
         _evidence(path, outcome),
-        leave_out(posterior, result.thinned(DRAWS if isinstance(posterior.model, JaxModel) else PREDICTED)),
+        leave_out(posterior, result.thinned(PREDICTED if posterior.costs_runs else DRAWS)),
         posterior.dimension,
         result.verdict().unexplained,
         float(np.mean((values >= low) & (values <= high))),
@@ -124,7 +123,7 @@ def _evidence(path: Path, outcome: Outcome) -> Evidence | None:
     found = result.log_evidence
     if found is None:
         target = result.target if calibration is None else calibration.posterior.on(calibration.surrogate)
-        if not isinstance(target.model, JaxModel):
+        if target.costs_runs:
             return None
         found = sample(target, SMC(), result.seed, path / _EVIDENCE).log_evidence
     return found if calibration is None or found is None else calibration.corrected(found)

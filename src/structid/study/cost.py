@@ -9,8 +9,6 @@ import numpy as np
 
 from structid.calibration.sequential import Plan
 from structid.errors import InputError, Status
-from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
-from structid.models.face import JaxModel
 from structid.study.build import BuiltStudy
 
 USUAL_ROUNDS = 4
@@ -113,14 +111,14 @@ def estimate(study: BuiltStudy) -> Cost:
         true_runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
     elif study.has_surrogate:  # samples itself, in seconds
         true_runs += study.validation_runs
-    if isinstance(study.sampler, DelayedAcceptance):
+    if study.sampler.exact:
         true_runs += study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
     sampling_runs = (
         0
         if study.posterior is None or study.has_surrogate
         else study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
     )
-    if isinstance(study.model, JaxModel):
+    if study.model.batched:
         batch = study.sampler.ensembles * study.sampler.walkers // 2
         each = _median_time(study, batch, repeats=6)[1:]
     else:

@@ -12,7 +12,8 @@ from typing import Any
 from structid.errors import InputError, suggestion
 from structid.journal import digest
 from structid.probability.space import ParameterSpace
-from structid.solvers.external import CallableModel, ExternalModel
+from structid.solvers.callable import CallableModel
+from structid.solvers.external import ExternalModel
 from structid.solvers.program import OutputFile, ProgramModel
 from structid.solvers.um_bridge import UMBridgeModel
 from structid.study.schema import ExternalSection, ProgramSection, PythonSection, UMBridgeSection

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.histories import display_unit
+from structid.channels import standard_unit
 from structid.probability.space import Design
 from structid.study.build import BuiltStudy
 from structid.units import factor
@@ -42,7 +42,7 @@ def plausibility(study: BuiltStudy) -> list[str]:
 
 
 def _compared(channel: str, modelled: np.ndarray, measured: np.ndarray, dt: float) -> str:
-    unit = display_unit(channel)
+    unit = standard_unit(channel).display
     peaks = [float(np.abs(values).max()) for values in (modelled, measured)]
     shown = [
         f"{peak / factor(unit):.3g} {unit} (mainly at {_main_frequency(values, dt):.2g} Hz)"

@@ -5,11 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from structid.campaign.executors import kept_open, spreading
+from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.assessment.simulation_based_calibration import Ranks, sbc
-from structid.models.face import JaxModel
 from structid.study.build import BuiltStudy
 from structid.study.run import Stage, load, silent
 from structid.study.surrogate import fitted_surrogate
@@ -64,7 +63,7 @@ def check_by_simulation(
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
     by_surrogate = study.campaign is not None and study.has_surrogate
-    if not by_surrogate and not isinstance(study.model, JaxModel):
+    if not by_surrogate and not study.model.batched:
         raise InputError(
             f"{path}",
             "an external model that would be run a million times",
@@ -73,9 +72,9 @@ def check_by_simulation(
         )
     with kept_open(study.model, executor) as workers:
         posterior = study.posterior.on(_surrogate(study, folder, stage, workers)) if by_surrogate else study.posterior
-        with spreading(study.model, workers) as spread, stage("calibrating replicas") as progress:
+        with run_map(study.model, workers) as map_of_runs, stage("calibrating replicas") as progress:
             found = sbc(
-                posterior.spread(spread),
+                posterior.mapped_by(map_of_runs),
                 replicas,
                 seed=study.file.seed if seed is None else seed,
                 simulator=study.model if by_surrogate else None,

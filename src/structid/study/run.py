@@ -17,26 +17,26 @@ import numpy as np
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import Plan, calibrate
-from structid.campaign.executors import kept_open, spreading
+from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS, open_runs
 from structid.errors import InputError, StructidWarning
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
-from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
 from structid.inference.sampling_result import SamplingResult
 from structid.journal import compare_identity, differences, write_then_rename
 from structid.models.face import Progress
-from structid.optimize import Minimum, OptimizeResult, interior_point, pattern_search
+from structid.optimize import interior_point, pattern_search
+from structid.optimize.minima import Minimum, OptimizeResult
 from structid.report.content import ReportContent
 from structid.report.page import PAGE, write_campaign_report, write_report
 from structid.runs import Runs
-from structid.solvers.program import ProgramModel
+from structid.streams import Purpose, derived_seed
 from structid.study.build import BuiltStudy, build
 from structid.study.schema import StudyFile, parse_study, read_study
 from structid.study.surrogate import fitted_surrogate, surrogate_settings
 from structid.surrogates.face import Surrogate
-from structid.surrogates.storage import load_surrogate
+from structid.surrogates.registry import load_surrogate
 
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""
@@ -51,7 +51,6 @@ IDENTITY = "identity.json"
 _STUDY, _TIMINGS, _INPUTS = "study.toml", "timings.json", "inputs"
 _CHAINS, _SCRATCH = "chains.h5", "scratch"
 _SURROGATE, _VALIDATION = "surrogate.h5", "validation.h5"
-_VALIDATION_STREAM = 0x76616C
 
 
 @contextmanager
@@ -317,8 +316,7 @@ def _work(
     page: bool = True,
 ) -> Outcome:
     timings = _Timings(folder / _TIMINGS)
-    if isinstance(study.model, ProgramModel):
-        study.model.scratch = folder.resolve() / _SCRATCH
+    study = study.working_in(folder.resolve() / _SCRATCH)
     if study.plan is not None:
         return _certified(study, study.plan, folder, stage, timings, executor, page)
     runs = _campaign(study, folder, stage, timings, executor, retry, adopt)
@@ -326,8 +324,8 @@ def _work(
     if study.posterior is None:
         assert runs is not None
         return _runs_report(runs, study.file, folder, timings, surrogate)
-    with spreading(study.model, executor) as spread:
-        study = replace(study, posterior=study.posterior.spread(spread))
+    with run_map(study.model, executor) as map_of_runs:
+        study = replace(study, posterior=study.posterior.mapped_by(map_of_runs))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
             return _calibration(study, folder, stage, timings, runs, surrogate, page)
@@ -355,7 +353,7 @@ def _surrogate(
         surrogate = fitted_surrogate(section, runs, folder / _SURROGATE, progress)
     if surrogate.validation is None:
         # A stream of its own: the design may be a random one of the same seed.
-        seed = int(np.random.SeedSequence([study.file.seed, _VALIDATION_STREAM]).generate_state(1)[0])
+        seed = derived_seed(study.file.seed, Purpose.VALIDATION_DESIGN)
         design = study.space.sample(study.validation_runs, seed, "random")
         campaign = Campaign(study.model, study.campaign_records, design, folder / _VALIDATION, assignment="cycle")
         with stage("true runs to validate it") as progress, timings.measured("true runs to validate it", goes_on=True):
@@ -388,8 +386,8 @@ def _calibration(
     page: bool,
 ) -> Outcome:
     true_posterior = study.sampled
-    if surrogate is not None and isinstance(study.sampler, DelayedAcceptance):
-        study = replace(study, sampler=replace(study.sampler, approximation=surrogate))
+    if surrogate is not None and study.sampler.exact:
+        study = replace(study, sampler=study.sampler.proposing_by(surrogate))
     elif surrogate is not None:
         try:
             study = replace(study, posterior=true_posterior.on(surrogate))
@@ -411,8 +409,8 @@ def _certified(
 ) -> Outcome:
     """Calibrate by a surrogate that true runs certify, and report it."""
     posterior = study.sampled
-    with spreading(study.model, executor) as spread:
-        study = replace(study, posterior=posterior.spread(spread))
+    with run_map(study.model, executor) as map_of_runs:
+        study = replace(study, posterior=posterior.mapped_by(map_of_runs))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
             with _Told(stage, timings) as told:
@@ -552,13 +550,13 @@ def _deterministic(study: BuiltStudy, folder: Path, stage: Stage, timings: _Timi
 
 def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
     """Bounds of the searches in SI: the study's, within the range of a surrogate, which beyond it responds as at the edge."""
-    model, given = study.sampled.model, study.search_bounds
-    if not isinstance(model, Surrogate):
+    stand_in, given = study.sampled.model.stand_in, study.search_bounds
+    if stand_in is None:
         return given
     bounds = dict(given or {})
-    for name, low, high in zip(model.free, model.fitted.low, model.fitted.high, strict=True):
+    for name, (low, high) in stand_in.search_range().items():
         least, most = bounds.get(name, (low, high))
-        bounds[name] = (max(least, float(low)), min(most, float(high)))
+        bounds[name] = (max(least, low), min(most, high))
     return bounds
 
 

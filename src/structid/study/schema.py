@@ -12,37 +12,10 @@ import pydantic
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
 from structid.errors import InputError, suggestion
-from structid.models.bouc_wen import PARAMETER_UNITS
+from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, quantity
+from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.models.shear_frame import STOREY_PARAMETERS
-from structid.units import to_si
-
-
-def _in_unit(unit: str) -> BeforeValidator:
-    """Turn a number, or a text with a unit of the same dimension, into SI."""
-    return BeforeValidator(lambda value: to_si(value, unit))
-
-
-def quantity(unit: str) -> Any:
-    """Type of a number in SI, given in a file as a number in SI or as a text with a unit.
-
-    Parameters
-    ----------
-    unit : str
-        The SI unit.
-
-    Returns
-    -------
-    type
-        For a field's annotation.
-    """
-    return Annotated[float, _in_unit(unit)]
-
-
-Seconds = Annotated[float, _in_unit("s")]
-Hertz = Annotated[float, _in_unit("Hz")]
-MetresPerSecond = Annotated[float, _in_unit("m/s")]
-MetresPerSecondSquared = Annotated[float, _in_unit("m/s^2")]
-Fraction = Annotated[float, _in_unit("")]
+from structid.surrogates.registry import by_word
 
 
 class Section(BaseModel):
@@ -300,36 +273,22 @@ class CalibrationSection(Section):
 
 
 class SurrogateSection(Section):
-    """A surrogate that the sampler calls in the place of the model; see `PODKriging`, `PODPCE`, `PCNARX`, `KrigingNARX`."""
+    """Keys of a surrogate of any kind."""
 
-    kind: Literal["none", "pod_kriging", "pod_pce", "pc_narx", "kriging_narx"]
+    kind: str
     validation: int = Field(default=500, ge=10)
     limit: float | None = Field(default=None, gt=0)
     outside: Literal["warn", "refuse", "allow"] | None = None
     trust: bool = False
     model_error: bool = False
-    left_out_energy: float | None = None
-    correlation: Literal["exponential", "matern32", "matern52", "gaussian"] | None = None
-    separable: bool | None = None
-    nugget: float | Literal["estimate"] | None = None
-    estimation: Literal["ml", "cv"] | None = None
-    trend: Literal["constant", "linear", "quadratic", "pce"] | None = None
-    starts: int | None = Field(default=None, ge=1)
-    shared: bool | None = None
-    degree: int | tuple[int, ...] | None = None
-    hyperbolic_norm: float | tuple[float, ...] | None = None
-    interaction: int | None = Field(default=None, ge=1)
-    method: Literal["sparse", "lars", "forward", "ols", "shrinkage"] | None = None
-    terms: tuple[str, ...] | dict[str, tuple[str, ...]] | None = None
-    memories: tuple[str, ...] | None = None
-    training: Literal["joint", "per-experiment"] | None = None
-    selection: Literal["lars", "orthogonal"] | None = None
-    most_terms: int | None = None
-    horizons: tuple[int, ...] | None = None
-    steps: int | None = None
-    refinements: int | None = Field(default=None, ge=0)
-    held_out: float | None = None
-    washout: Annotated[Seconds, Field(ge=0)] | None = None
+
+
+_AnySurrogate: Any = create_model(  # type: ignore[call-overload]
+    "SurrogateSection",
+    __base__=SurrogateSection,
+    kind=(Literal[tuple(["none", *by_word()])], ...),
+    **{key: (kind | None, None) for each in by_word().values() for key, kind in each.keys.items()},
+)
 
 
 class PredictionSection(Section):
@@ -354,7 +313,9 @@ class StudyFile(Section):
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
     campaign: CampaignSection | None = None
-    surrogate: SurrogateSection = SurrogateSection(kind="none")
+    surrogate: Annotated[SurrogateSection, BeforeValidator(_AnySurrogate.model_validate)] = SurrogateSection(
+        kind="none"
+    )
     calibration: CalibrationSection | None = None
     discrepancy: DiscrepancySection = DiscrepancySection()
     sampler: SamplerSection = SamplerSection()

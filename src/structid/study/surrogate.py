@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,32 +9,8 @@ from structid.errors import InputError
 from structid.models.face import Progress
 from structid.runs import Runs
 from structid.study.schema import SurrogateSection
-from structid.surrogates.chaos.pce import PCE
-from structid.surrogates.face import Surrogate
-from structid.surrogates.kriging.predictor import Kriging
-from structid.surrogates.narx.settings import PCNARX, KrigingNARX
-from structid.surrogates.pod.response_space import PODPCE, PODKriging
-from structid.surrogates.storage import load_surrogate
-
-Settings = PODKriging | PODPCE | PCNARX | KrigingNARX
-
-KINDS: dict[str, Callable[..., Settings]] = {
-    "pod_kriging": PODKriging,
-    "pod_pce": PODPCE,
-    "pc_narx": PCNARX,
-    "kriging_narx": KrigingNARX,
-}
-"""Surrogates a study may name."""
-
-_KRIGING = ("correlation", "separable", "nugget", "estimation", "trend", "shared", "starts")
-_NARX = ("terms", "memories", "training", "selection", "most_terms", "horizons", "steps", "held_out", "washout")
-_OWN = {
-    "pod_kriging": ("left_out_energy", *_KRIGING),
-    "pod_pce": ("left_out_energy", "degree", "hyperbolic_norm", "interaction", "method"),
-    "pc_narx": (*_NARX, "degree"),
-    "kriging_narx": (*_NARX, "degree", "refinements", *_KRIGING),
-}
-"""Keys that mean something for a kind, beside those that all have."""
+from structid.surrogates.face import Surrogate, SurrogateSettings
+from structid.surrogates.registry import by_word, load_surrogate
 
 _JOINT_ONLY = ("degree", "horizons", "steps", "refinements")
 _SPARSE_ONLY = ("degree", "hyperbolic_norm", "interaction")
@@ -44,7 +18,7 @@ _SPARSE_ONLY = ("degree", "hyperbolic_norm", "interaction")
 _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
 
-def surrogate_settings(section: SurrogateSection) -> Settings:
+def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
     """Turn a section into the settings of a surrogate.
 
     Parameters
@@ -54,25 +28,27 @@ def surrogate_settings(section: SurrogateSection) -> Settings:
 
     Returns
     -------
-    PODKriging, PODPCE, PCNARX or KrigingNARX
-        The settings.
+    SurrogateSettings
+        Of its kind.
 
     Raises
     ------
     InputError
         If a key is given that the kind does not know, or a value it does not take.
     """
-    kind = section.kind
+    kind = by_word()[section.kind]
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
     for key in given:
-        if key not in _OWN[kind]:
+        if key not in kind.keys:
             raise InputError(
-                f"key 'surrogate.{key}'", f"a key that {kind} does not know", ", ".join(sorted((*_COMMON, *_OWN[kind])))
+                f"key 'surrogate.{key}'",
+                f"a key that {kind.word} does not know",
+                ", ".join(sorted((*_COMMON, *kind.keys))),
             )
     _check_used(given)
     common = {k: getattr(section, k) for k in ("limit", "outside") if getattr(section, k) is not None}
     try:
-        return _made(kind, given, common)
+        return kind.made({**given, **common})
     except InputError as error:
         raise InputError(f"table 'surrogate': {error.where}", error.came, error.allowed, error.cure) from None
 
@@ -91,21 +67,6 @@ def _check_used(given: dict[str, Any]) -> None:
                 )  # fmt: skip
 
 
-def _made(kind: str, given: dict[str, Any], common: dict[str, Any]) -> Settings:
-    kriging = {k: given.pop(k) for k in _KRIGING if k in given}
-    if kriging.get("trend") == "pce":
-        kriging["trend"] = PCE()
-    if kind == "pod_kriging":
-        return PODKriging(kriging=Kriging(**kriging), **given, **common)
-    if kind == "pod_pce":
-        energy = {k: given.pop(k) for k in ("left_out_energy",) if k in given}
-        default = PODPCE().pce if not given else PCE()
-        return PODPCE(pce=dataclasses.replace(default, **given), **energy, **common)
-    if kind == "pc_narx":
-        return PCNARX(**given, **common)
-    return KrigingNARX(kriging=dataclasses.replace(KrigingNARX().kriging, **kriging), **given, **common)
-
-
 def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, progress: Progress | None) -> Surrogate:
     """Fit the surrogate, or read the one that was fitted before.
 
@@ -118,7 +79,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, p
     path : Path or None
         Where it is kept, if anywhere.
     progress : callable or None
-        Told how far the fit is.
+        Called with how many hundredths of the fit are done, and a hundred.
 
     Returns
     -------
@@ -132,7 +93,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, p
     if surrogate is None or stale:
         surrogate = settings.fit(runs, progress)
     if stale or surrogate.fitted.limit != settings.limit:
-        surrogate.fitted = dataclasses.replace(surrogate.fitted, limit=settings.limit)
+        surrogate = surrogate.with_limit(settings.limit)
         if path is not None:
             surrogate.save(path)
     if section.trust:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import time
+import copy
+import os
 import warnings
 from abc import abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
@@ -15,69 +17,33 @@ from structid.errors import InputError, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.journal import digest
-from structid.models.face import JaxModel, Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.models.face import Progress, StandIn
+from structid.models.traceable import TraceableModel
+from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.chaos.polynomials import namespace
+from structid.surrogates import storage
+from structid.surrogates.array_module import namespace
+from structid.surrogates.fit import Fit, run_digests
 from structid.surrogates.validation import Validation, validate
-
-FEWEST_RUNS = 10
-"""Fewer finished runs than this are taken for a mistake."""
-
-
-@dataclass(frozen=True, eq=False)
-class Fit:
-    """How a surrogate came about.
-
-    Parameters
-    ----------
-    kind : str
-        Its settings' class, such as ``"PODKriging"``.
-    settings : dict
-        Its settings, as JSON can say them.
-    space : ParameterSpace
-        The parameters.
-    channels : tuple of str
-        Of the histories.
-    excitation : str
-        Kind of the records.
-    dt : float
-        Their time step [s].
-    low, high : ndarray, shape (parameter,)
-        The range of the design.
-    runs, left_out : int
-        Runs it was fitted to, those held out among them, and those that had failed.
-    error : float
-        Mean relative error estimated while fitting: by leaving runs out, or over the runs held out.
-    limit : float
-        Largest mean error with which it may stand in a posterior.
-    outside : str
-        What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``.
-    seconds : float
-        Wall time of the fit.
-    seen : tuple of str
-        A digest of each run it was fitted to: those cannot validate it.
-    """
-
-    kind: str
-    settings: dict[str, Any]
-    space: ParameterSpace
-    channels: tuple[str, ...]
-    excitation: str
-    dt: float
-    low: np.ndarray
-    high: np.ndarray
-    runs: int
-    left_out: int
-    error: float
-    limit: float
-    outside: Literal["warn", "refuse", "allow"]
-    seconds: float = field(default=float("nan"))
-    seen: tuple[str, ...] = ()
 
 
 class SurrogateSettings(Protocol):
-    """What the settings of every kind of surrogate can do."""
+    """What the settings of every kind of surrogate can do.
+
+    Attributes
+    ----------
+    warm_start : bool
+        Whether `fit` takes ``start=``, a surrogate fitted to fewer runs from which its search begins.
+    weighted : bool
+        Whether `fit` takes ``weights=``, how much the error of each run counts.
+    """
+
+    warm_start: ClassVar[bool]
+    weighted: ClassVar[bool]
+
+    @property
+    def limit(self) -> float:
+        """Largest mean relative error with which it may stand in a posterior."""
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made.
@@ -90,6 +56,11 @@ class SurrogateSettings(Protocol):
             What will drive them.
         channels : sequence of str
             What they will return.
+
+        Raises
+        ------
+        InputError
+            If no surrogate can be fitted to them.
         """
 
     def fit(self, runs: Runs, progress: Progress | None = None) -> Surrogate:
@@ -100,7 +71,7 @@ class SurrogateSettings(Protocol):
         runs : Runs
             Of the model it is to stand for.
         progress : callable, optional
-            Told how far the fit is, in hundredths.
+            Called with how many hundredths of the fit are done, and a hundred.
 
         Returns
         -------
@@ -109,7 +80,7 @@ class SurrogateSettings(Protocol):
         """
 
 
-class Surrogate(JaxModel):
+class Surrogate(TraceableModel, StandIn):
     """A model fitted to runs of another one.
 
     Parameters
@@ -169,6 +140,11 @@ class Surrogate(JaxModel):
             In SI.
         """
 
+    @property
+    def structure_in_words(self) -> list[tuple[str, str]]:
+        """What its report says beside its settings: names and values."""
+        return []
+
     @abstractmethod
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of beside `fitted`, for a file.
@@ -179,7 +155,32 @@ class Surrogate(JaxModel):
             What JSON can say, and arrays.
         """
 
+    @classmethod
+    @abstractmethod
+    def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Surrogate:
+        """Make a surrogate again from what `to_plain` gave.
+
+        Parameters
+        ----------
+        fit : Fit
+            How it came about.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        Surrogate
+            The same surrogate.
+        """
+
     # --- the same for all ---------------------------------------------------------------------------------------
+
+    @property
+    def stand_in(self) -> StandIn:
+        """Itself: it stands for the model it was fitted to."""
+        return self
 
     @property
     def relative_error(self) -> float:
@@ -353,22 +354,48 @@ class Surrogate(JaxModel):
             "Fit it to more runs, raise its limit, or call trust() if that is good enough.",
         )
 
-    def save(self, path: Any) -> Any:
-        """Write the surrogate to an HDF5 file.
+    def with_limit(self, limit: float) -> Self:
+        """Return this surrogate with another limit of its error.
+
+        Parameters
+        ----------
+        limit : float
+            Largest mean error with which it may stand in a posterior.
+
+        Returns
+        -------
+        Surrogate
+            A copy with that limit.
+        """
+        other = copy.copy(self)
+        other.fitted = replace(self.fitted, limit=limit)
+        return other
+
+    def search_range(self) -> dict[str, tuple[float, float]]:
+        """Range of the design: beyond it the surrogate responds as at the edge, and a search would lose its way.
+
+        Returns
+        -------
+        dict of str to tuple of float
+            Smallest and largest value of each parameter, in SI.
+        """
+        edges = zip(self.free, self.fitted.low, self.fitted.high, strict=True)
+        return {name: (float(low), float(high)) for name, low, high in edges}
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the surrogate to an HDF5 file, whole or not at all.
 
         Parameters
         ----------
         path : path-like
-            The file.
+            The file; one that is there is replaced.
 
         Returns
         -------
         Path
             The file written.
         """
-        from structid.surrogates.storage import save
-
-        return save(self, path)
+        return storage.write(path, self.fitted, *self.to_plain(), self.validation)
 
     @property
     def content_hash(self) -> str:
@@ -389,185 +416,3 @@ class Surrogate(JaxModel):
         if self.validation is not None:
             lines += [f"  {line}" for line in str(self.validation).splitlines()]
         return "\n".join(lines)
-
-
-def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:
-    """Check runs to fit to, and leave out those that failed.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    runs : Runs
-        What came.
-    fewest : int
-        Fewer finished runs are refused.
-
-    Returns
-    -------
-    tuple of Runs and int
-        The finished ones, and how many were left out.
-
-    Raises
-    ------
-    InputError
-        If there are too few, a value is not finite, or a channel does not vary.
-    """
-    if not isinstance(runs, Runs):
-        raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
-    done = runs[runs.done]
-    left_out = len(runs) - len(done)
-    check_enough(where, len(done), f"{len(done)} finished runs and {left_out} others", fewest)
-    if not np.isfinite(done.design.values).all():
-        raise InputError(where, "parameters that are not finite", "finite numbers")
-    spread = np.zeros(len(done.channels))
-    for batch in done.batches():
-        values = _known_samples(batch)
-        if not all(np.isfinite(v).all() for v in values):
-            raise InputError(
-                where, "histories with values that are not finite in runs said to be done", "finite numbers",
-                "Set their status, so that they are left out.",
-            )  # fmt: skip
-        spread = np.maximum(spread, np.max([np.ptp(v, axis=0) for v in values], axis=0))
-    constant = [c for c, s in zip(done.channels, spread, strict=True) if s == 0.0]
-    if constant:
-        raise InputError(where, f"the channel '{constant[0]}', constant in every run", "channels that vary")
-    return done, left_out
-
-
-def checked_weights(where: str, weights: np.ndarray, runs: Runs) -> np.ndarray:
-    """Check how much runs count, and leave out those that failed.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    weights : ndarray, shape (run,)
-        Of all runs.
-    runs : Runs
-        The runs.
-
-    Returns
-    -------
-    ndarray, shape (finished run,)
-        One on average.
-
-    Raises
-    ------
-    InputError
-        If they are not as many positive numbers as there are runs.
-    """
-    weights = np.asarray(weights, dtype=np.float64)
-    if weights.shape != (len(runs),) or not (np.isfinite(weights) & (weights > 0.0)).all():
-        raise InputError(f"{where}: weights", f"an array of shape {weights.shape}", f"{len(runs)} positive numbers")
-    kept = weights[runs.done]
-    return np.asarray(kept / kept.mean())
-
-
-def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) -> None:
-    """Refuse too few runs.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    runs : int
-        How many have finished, or will.
-    came : str
-        What to say of them.
-    fewest : int
-        How many there must be.
-
-    Raises
-    ------
-    InputError
-        If there are fewer.
-    """
-    if runs < fewest:
-        raise InputError(where, came, f"{fewest} finished ones or more")
-
-
-def _known_samples(runs: Runs) -> list[np.ndarray]:
-    values = runs.values
-    return [v[: len(runs.records[r])] for v, r in zip(values, runs.record_of_run, strict=True)]
-
-
-def run_digests(runs: Runs) -> tuple[str, ...]:
-    """Tell runs apart by their point and their record.
-
-    Parameters
-    ----------
-    runs : Runs
-        The runs.
-
-    Returns
-    -------
-    tuple of str
-        One for each.
-    """
-    hashes = [r.content_hash for r in runs.records]
-    return tuple(
-        digest(point, hashes[record])[:16] for point, record in zip(runs.design.values, runs.record_of_run, strict=True)
-    )
-
-
-def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
-    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior.
-
-    Parameters
-    ----------
-    design : Design
-        Points.
-
-    Returns
-    -------
-    tuple of ndarray, shape (parameter,)
-        Smallest and largest values that count as inside.
-    """
-    low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
-    margin = 0.01 * (high - low)
-    support = design.space.bounds
-    return np.maximum(low - margin, support[:, 0]), np.minimum(high + margin, support[:, 1])
-
-
-def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
-    """Return the kind and time step that all records share.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    records : sequence of Excitation
-        The records.
-
-    Returns
-    -------
-    tuple of str and float
-        Kind and step [s].
-
-    Raises
-    ------
-    InputError
-        If they differ.
-    """
-    kinds, steps = {r.kind for r in records}, {r.dt for r in records}
-    if len(kinds) > 1 or max(steps) / min(steps) - 1.0 > 1e-9:
-        raise InputError(
-            where,
-            f"records of {len(kinds)} kinds and the steps {', '.join(f'{s:g} s' for s in sorted(steps))}",
-            "records of one kind and one step",
-            "Resample them, or fit one surrogate for each.",
-        )
-    return kinds.pop(), records[0].dt
-
-
-class Stopwatch:
-    """Seconds since it was made."""
-
-    def __init__(self) -> None:
-        self._start = time.perf_counter()
-
-    @property
-    def seconds(self) -> float:
-        """Seconds so far."""
-        return time.perf_counter() - self._start

@@ -5,33 +5,67 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
 
 from structid.errors import InputError
 from structid.probability.space import ParameterSpace
-from structid.surrogates.face import Fit, Surrogate
+from structid.surrogates.fit import Fit
+from structid.surrogates.validation import Validation
 
-if TYPE_CHECKING:
-    from structid.surrogates.validation import Validation
-
-SCHEMA = 1
+SCHEMA = 2
 """Version of the layout."""
 
+CONTENT = "structid surrogate"
+"""What the file says that it holds."""
 
-def save(surrogate: Surrogate, path: str | os.PathLike[str]) -> Path:
-    """Write a surrogate, whole or not at all.
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StoredSurrogate:
+    """What a file says of a surrogate.
 
     Parameters
     ----------
-    surrogate : Surrogate
-        The surrogate, with its validation if it has one.
+    fit : Fit
+        How it came about.
+    plain : dict
+        What JSON can say of it.
+    arrays : dict of str to ndarray
+        Its arrays.
+    validation : Validation or None
+        What its last validation found.
+    """
+
+    fit: Fit
+    plain: dict[str, Any]
+    arrays: dict[str, np.ndarray]
+    validation: Validation | None
+
+
+def write(
+    path: str | os.PathLike[str],
+    fit: Fit,
+    plain: dict[str, Any],
+    arrays: dict[str, np.ndarray],
+    validation: Validation | None,
+) -> Path:
+    """Write what a surrogate consists of, whole or not at all.
+
+    Parameters
+    ----------
     path : path-like
         The file; one that is there is replaced.
+    fit : Fit
+        How it came about.
+    plain : dict
+        What JSON can say of it.
+    arrays : dict of str to ndarray
+        Its arrays.
+    validation : Validation or None
+        What its last validation found.
 
     Returns
     -------
@@ -41,23 +75,22 @@ def save(surrogate: Surrogate, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(target.name + ".partial")
-    plain, arrays = surrogate.to_plain()
-    fit = {f.name: getattr(surrogate.fitted, f.name) for f in dataclasses.fields(Fit)}
-    fit |= {"space": surrogate.space.to_plain(), "low": fit["low"].tolist(), "high": fit["high"].tolist()}
+    said = {f.name: getattr(fit, f.name) for f in dataclasses.fields(Fit)}
+    said |= {"space": fit.space.to_plain(), "low": fit.low.tolist(), "high": fit.high.tolist()}
     with h5py.File(partial, "w") as file:
         file.attrs["schema"] = SCHEMA
-        file.attrs["content"] = "structid surrogate"
-        file.attrs["fit"] = json.dumps(fit, default=str)
+        file.attrs["content"] = CONTENT
+        file.attrs["fit"] = json.dumps(said, default=str)
         file.attrs["plain"] = json.dumps(plain)
         _write_arrays(file.create_group("arrays"), arrays)
-        if surrogate.validation is not None:
-            _write_validation(file.create_group("validation"), surrogate.validation)
+        if validation is not None:
+            _write_validation(file.create_group("validation"), validation)
     partial.replace(target)
     return target
 
 
-def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
-    """Read a surrogate that `Surrogate.save` wrote.
+def read(path: str | os.PathLike[str]) -> StoredSurrogate:
+    """Read what `write` wrote.
 
     Parameters
     ----------
@@ -66,8 +99,8 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
 
     Returns
     -------
-    Surrogate
-        It predicts what it did when it was saved, to the last bit on the same machine.
+    StoredSurrogate
+        Equal to the last bit.
 
     Raises
     ------
@@ -82,10 +115,16 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     except OSError as cause:
         raise InputError(where, "a file that is not HDF5", "a file that Surrogate.save wrote") from cause
     with file:
-        if file.attrs.get("content") != "structid surrogate":
+        if file.attrs.get("content") != CONTENT:
             raise InputError(where, "an HDF5 file of something else", "a file that Surrogate.save wrote")
-        if int(file.attrs["schema"]) > SCHEMA:
-            raise InputError(where, f"layout {file.attrs['schema']}", f"{SCHEMA} or earlier", "Update structid.")
+        layout = int(file.attrs["schema"])
+        if layout != SCHEMA:
+            cure = (
+                "Update structid."
+                if layout > SCHEMA
+                else "It can be read with structid 0.1. Or fit it again to its runs."
+            )
+            raise InputError(where, f"a surrogate of layout {layout}", f"layout {SCHEMA}", cure)
         said = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
         arrays = _read_arrays(file["arrays"])
@@ -97,16 +136,7 @@ def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
         "channels": tuple(said["channels"]),
         "seen": tuple(said["seen"]),
     }
-    surrogate = _maker(said["kind"])(Fit(**said), plain, arrays)
-    surrogate.validation = validation
-    return surrogate
-
-
-def _maker(kind: str) -> Callable[[Fit, dict[str, Any], dict[str, np.ndarray]], Surrogate]:
-    from structid.surrogates.narx.parametric_narx import ParametricNARX
-    from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
-
-    return (ResponseSpaceSurrogate if kind.startswith("POD") else ParametricNARX).from_plain
+    return StoredSurrogate(Fit(**said), plain, arrays, validation)
 
 
 def _write_arrays(group: h5py.Group, arrays: dict[str, np.ndarray]) -> None:
@@ -139,8 +169,6 @@ def _write_validation(group: h5py.Group, validation: Validation) -> None:
 
 
 def _read_validation(group: h5py.Group) -> Validation:
-    from structid.surrogates.validation import Validation
-
     said = {name: item[()] for name, item in group.items()}
     true, predicted = said["histories"]
     return Validation(

@@ -1,24 +1,28 @@
-"""How good a surrogate is: errors over runs it was not fitted to."""
+"""How good a surrogate is: errors over runs it was not fitted to.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import scipy.integrate
 
+from structid.channels import base_channel, standard_unit
 from structid.errors import InputError
-from structid.histories import base_channel, display_unit
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
 from structid.models.face import Progress
+from structid.probability.space import Design
 from structid.runs import Runs
 from structid.units import factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from structid.surrogates.face import Surrogate
 
 BATCH = 250
 """Runs compared at once."""
@@ -163,7 +167,7 @@ class Validation:
 
         index = 0 if channel is None else self.channels.index(channel)
         name = self.channels[index]
-        unit = display_unit(name)
+        unit = standard_unit(name).display
         scale = factor(unit)
         true, predicted, dt = self.histories
         return figures.validation(
@@ -184,7 +188,7 @@ class Validation:
 
 
 def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Displacements [mm] by integration of two velocities, which shows what adds up (the source's figure 3.16)."""
+    """Displacements [mm] by integration of two velocities, which shows what adds up (the thesis's figure 3.16)."""
     both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
     first, second = both
     return first, second
@@ -219,12 +223,89 @@ def relative_errors(true: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(error), error, np.inf)
 
 
-def validate(surrogate: Surrogate, runs: Runs, progress: Progress | None = None) -> Validation:
+class Validated(Protocol):
+    """What a validation asks of a surrogate."""
+
+    channels: tuple[str, ...]
+
+    def parameters(self, design: Design) -> np.ndarray:
+        """Bring the columns of a design into the order of its parameters.
+
+        Parameters
+        ----------
+        design : Design
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            The points.
+        """
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse an excitation it cannot respond to.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+        """
+
+    def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
+        """Respond, without a word on points outside its range.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        Histories
+            One row a run.
+        """
+
+    def outside(self, theta: np.ndarray) -> np.ndarray:
+        """Say which points lie outside its range.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (run,)
+            True outside.
+        """
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation of its own error.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+
+
+def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None) -> Validation:
     """Compare a surrogate with runs of the model it stands for, a batch at a time.
 
     Parameters
     ----------
-    surrogate : Surrogate
+    surrogate : Validated
         The surrogate.
     runs : Runs
         Independent runs.
@@ -291,7 +372,7 @@ class _Compared:
     cloud: tuple[np.ndarray, np.ndarray]
 
 
-def _compare(surrogate: Surrogate, runs: Runs, every: int) -> _Compared:
+def _compare(surrogate: Validated, runs: Runs, every: int) -> _Compared:
     true = _values(surrogate, runs)
     predicted = _predicted(surrogate, runs)
     chosen = np.arange(0, len(runs), every)
@@ -308,12 +389,12 @@ def _compare(surrogate: Surrogate, runs: Runs, every: int) -> _Compared:
     )
 
 
-def _values(surrogate: Surrogate, runs: Runs) -> np.ndarray:
+def _values(surrogate: Validated, runs: Runs) -> np.ndarray:
     columns = [runs.channels.index(c) for c in surrogate.channels]
     return runs.values[:, : len(runs.records[0]), columns]
 
 
-def _predicted(surrogate: Surrogate, runs: Runs) -> np.ndarray:
+def _predicted(surrogate: Validated, runs: Runs) -> np.ndarray:
     surrogate.check_excitation(runs.records[0])
     # Points outside the range are counted, and not warned of or refused here.
     return surrogate.run(surrogate.parameters(runs.design), runs.records[0]).values
@@ -324,7 +405,7 @@ def _shown(overall: np.ndarray) -> tuple[int, int, int]:
     return int(ranked[0]), int(ranked[len(ranked) // 2]), int(ranked[-1])
 
 
-def _histories(surrogate: Surrogate, runs: Runs, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
+def _histories(surrogate: Validated, runs: Runs, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
     """True and predicted histories of the runs that are drawn, (run, time, channel), and their step."""
     singles: list[Any] = [runs[np.array([row])].on(int(runs.record_of_run[row])) for row in shown]
     samples = max(len(s.records[0]) for s in singles)

@@ -7,6 +7,8 @@ import scipy.stats
 from structid.errors import InputError
 from structid.inference.assessment.certificate import Limits, StoredRuns, certify, smoothed_weights
 
+pytestmark = pytest.mark.quick
+
 NONE = StoredRuns(np.empty(0), np.empty(0))
 
 

@@ -17,7 +17,7 @@ class Line(si.BoucWen):
         super().__init__(mass=1.0, damping_ratio=0.0, beta=0.0, gamma=0.0, alpha=1.0, free=("stiffness",), substeps=1)
         self.regressor = regressor
 
-    def response(self, theta, excitation, stages):
+    def response(self, theta, excitation):
         from structid.device import jnp
 
         return jnp.asarray(self.regressor)[:, None, None] * theta[None, None, :, 0], jnp.ones(len(theta), dtype=bool)

@@ -61,18 +61,43 @@ def test_a_surrogate_is_put_to_the_test_with_the_model_behind_it(pieces):
     assert blind.uniform and not seeing.uniform, f"{blind}\n{seeing}"
 
 
-def test_the_posteriors_side_by_side_are_those_of_each_replica(pieces):
+LAWS = {"independent": lambda variance: si.IID(variance=variance), "correlated": lambda variance: si.AR1()}
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("kind", ["model", "surrogate", "surrogate with its own error", "external"])
+def test_the_posteriors_side_by_side_are_those_of_each_replica(pieces, kind, law):
     space, model, observation, variance = pieces
-    law = si.IID(variance=variance)
-    values = observation.values[None] + np.random.default_rng(1).normal(size=(3, *observation.values.shape)) * 0.01
-    target = ReplicatedPosterior(posterior(pieces, law), [values])
+    law = LAWS[law](variance)
+    if kind == "external":
+        stand_in = model
+
+        def respond(parameters, record):
+            return stand_in.simulate([[parameters[n] for n in stand_in.free]], record).values[0]
+
+        model = si.CallableModel(respond, space.names, ("velocity",), isolated=False)
+    elif kind.startswith("surrogate"):
+        model = si.PODKriging(limit=1.0, outside="allow").fit(
+            si.Campaign(model, observation.record, space.sample(20, seed=1)).run()
+        )
+
+    def alone(values):
+        own = si.Observation(observation.record, values)
+        return si.Posterior(space, model, own, law, model_error=kind.endswith("error"))
+
+    noise = np.random.default_rng(1).normal(size=(3, *observation.values.shape)) * 0.01
+    values, base = observation.values[None] + noise, alone(observation.values)
+    target = ReplicatedPosterior(base, [values])
     phi = target.initial(12, np.random.default_rng(2))
-    density = target.evaluate(phi)[0].reshape(3, 4)
-    for replica in range(3):
-        alone = si.Posterior(space, model, si.Observation(observation.record, values[replica]), law)
-        np.testing.assert_allclose(density[replica], alone.evaluate(phi.reshape(3, 4, -1)[replica])[0], rtol=1e-10)
-    theta = target.bijection(phi)[0]
-    np.testing.assert_allclose(target.log_density(theta) + target.bijection(phi)[1], density.ravel())
+    theta, jacobian = base.bijection(phi)
+    prior, likelihood, failed = target.evaluate_parts(phi)
+    each = [alone(v).log_likelihood(t) for v, t in zip(values, theta.reshape(3, 4, -1), strict=True)]
+    np.testing.assert_allclose(likelihood, np.concatenate(each), rtol=1e-9)
+    # The prior of an unknown variance depends on the measurement: that of the base holds for all.
+    np.testing.assert_allclose(prior, base.space.log_density(theta) + jacobian, rtol=1e-9)
+    np.testing.assert_allclose(target.evaluate(phi)[0], prior + likelihood, rtol=1e-12)
+    np.testing.assert_allclose(target.log_density(theta) + jacobian, prior + likelihood, rtol=1e-9)
+    assert not failed.any()
 
 
 def test_verdicts_of_made_up_ranks():
@@ -94,13 +119,6 @@ def test_verdicts_of_made_up_ranks():
 
 
 def test_what_cannot_be_checked_is_refused(pieces):
-    space, _, observation, variance = pieces
+    *_, variance = pieces
     with pytest.raises(InputError, match="20 or more"):
         si.sbc(posterior(pieces, si.IID(variance=variance)), 5)
-
-    def respond(parameters, record):
-        return record.values
-
-    external = si.CallableModel(respond, space.names, ("velocity",))
-    with pytest.raises(InputError, match="built-in model or a surrogate"):
-        si.sbc(si.Posterior(space, external, observation, si.IID(variance=variance)), 20)

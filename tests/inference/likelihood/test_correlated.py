@@ -34,7 +34,7 @@ def test_a_smooth_law_whose_determinant_no_float_holds():
 def test_what_is_unknown_is_inferred_channel_by_channel():
     values = np.random.default_rng(3).normal(size=(200, 2))
     law = si.DampedCosine(damping=0.2, white=si.Uniform(0.0, 2.0))
-    priors = law.parameters(values, ("velocity", "displacement"), 0.01)
+    priors = law.parameters(values, ("velocity", "displacement"), 0.01, ("m/s", "m"))
     assert set(priors) == {
         f"{p}_{c}" for p in ("sigma2", "sigma2_white", "frequency") for c in ("velocity", "displacement")
     }

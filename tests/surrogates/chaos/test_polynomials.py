@@ -9,13 +9,10 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
-from structid.surrogates.chaos.polynomials import (
-    OrthonormalFamily,
-    PolynomialBasis,
-    lanczos_recurrence,
-    multi_indices,
-    standard_normal,
-)
+from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
+from structid.surrogates.chaos.multi_indices import multi_indices
+from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily, lanczos_recurrence
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.chaos.shrinkage import weighted_indices
 
 MARGINALS = {

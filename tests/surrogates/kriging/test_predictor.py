@@ -6,7 +6,8 @@ import pytest
 import structid as si
 from structid.errors import InputError
 from structid.probability.space import Design
-from structid.surrogates.kriging.predictor import _Data, _Factors, _Objective
+from structid.surrogates.kriging.hyperparameters import HyperparameterObjective
+from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFactors
 
 SPACE = si.ParameterSpace(a=si.Uniform(-1.0, 1.0), b=si.Normal(0.0, 1.0))
 
@@ -33,11 +34,11 @@ def test_leave_one_out_equals_refitting(nugget):
     design = SPACE.sample(25, seed=2)
     predictor = si.Kriging(trend="linear", nugget=nugget, separable=False).fit(design, smooth(design.values))
     group = predictor.groups[0]
-    data = _Data(group.points, group.trend.evaluate(design.values), smooth(design.values))
-    objective = _Objective(data, group.family, group.separable, nugget, "ml")
+    data = KrigingData(group.points, group.trend.evaluate(design.values), smooth(design.values))
+    objective = HyperparameterObjective(data, group.family, group.separable, nugget, "ml")
     for i in (0, 7, 24):
         keep = np.arange(25) != i
-        factors = _Factors.of(
+        factors = KrigingFactors.of(
             data.some(keep), objective.on(data.some(keep)).matrix(group.log_lengths), group.factors.nugget
         )
         every = objective.matrix(group.log_lengths)
@@ -52,8 +53,8 @@ def test_leave_one_out_equals_refitting(nugget):
 @pytest.mark.parametrize("nugget", [1e-6, "estimate"])
 def test_gradients_are_exact(estimation, separable, nugget):
     x = SPACE.sample(60, seed=3).values
-    data = _Data(x, np.ones((60, 1)), smooth(x))
-    objective = _Objective(data, "matern52", separable, nugget, estimation)
+    data = KrigingData(x, np.ones((60, 1)), smooth(x))
+    objective = HyperparameterObjective(data, "matern52", separable, nugget, estimation)
     place = np.array([0.3, 0.6] + [-9.0] * (nugget == "estimate"))
     _, slope = objective(place)
     for j, direction in enumerate(np.eye(len(place))):
@@ -109,8 +110,8 @@ def test_a_fit_that_begins_with_the_lengths_of_another_ends_where_a_search_does(
     begun = settings.fit(few, smooth(few.values))
     warm = settings.fit(more, smooth(more.values), lambda *done: told["warm"].append(done), begun)
     group = cold.groups[0]
-    data = _Data(group.points, group.trend.evaluate(more.values), smooth(more.values))
-    objective = _Objective(data, group.family, group.separable, nugget, "ml")
+    data = KrigingData(group.points, group.trend.evaluate(more.values), smooth(more.values))
+    objective = HyperparameterObjective(data, group.family, group.separable, nugget, "ml")
 
     def value(predictor):
         other = predictor.groups[0]

@@ -304,14 +304,18 @@ def smoothed_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _psis(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
-    """ArviZ moved it between its versions 0 and 1."""
+    """ArviZ 0 smooths log weights; ArviZ 1 takes log likelihoods, whose negatives are the log weights of leave-one-out."""
     try:
         from arviz import psislw
     except ImportError:
         from arviz_stats.base import array_stats  # type: ignore[import-not-found]
 
-        psislw = array_stats.psislw
-    weights, k_hat = psislw(log_ratios)
+        try:
+            weights, k_hat = array_stats.psislw(-log_ratios)
+        except ValueError:  # a tail of equal weights, which ArviZ 1 refuses and ArviZ 0 answers with k̂ = ∞
+            weights, k_hat = log_ratios, float("inf")
+    else:
+        weights, k_hat = psislw(log_ratios)
     return np.asarray(weights), float(k_hat)
 
 

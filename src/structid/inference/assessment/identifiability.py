@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax
 import numpy as np
 
-from structid.errors import InputError
+from structid.device import jnp
+from structid.inference.likelihood.bound import BoundLikelihood
 from structid.inference.likelihood.posterior import Posterior
-from structid.models.face import JaxModel
+from structid.models.traceable import as_traceable
 
 SEEN = 1.0
 """Information, in units of the prior's, below which the data say less of a combination than the prior does."""
@@ -91,35 +93,25 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     InputError
         If the model has no derivatives.
     """
-    import jax
-
-    from structid.device import jnp
-
-    model = posterior.model
-    if not isinstance(model, JaxModel):
-        raise InputError("identifiability", f"a {type(model).__name__}, which has no derivatives", "a built-in model")
-    own = {n for i in range(len(posterior.observations)) for n in posterior.discrepancy_names(i)}
+    model = as_traceable(posterior.model, "identifiability", "a built-in model")
+    own = posterior.likelihood.discrepancy_names
     kept = [i for i, name in enumerate(posterior.names) if name not in own]
     point = jnp.asarray(theta)[None, :]
 
-    def whitened(moved: Any, stages: Any, index: int) -> Any:
-        response, _ = model.response(posterior.model_parameters(moved), posterior.observations[index].record, stages)
-        shown = posterior.instrument(response, moved, index)
-        unknown = jax.lax.stop_gradient(posterior.unknowns(point, index))
-        observation = posterior.observations[index]
-        return posterior.discrepancy.whiten(shown, unknown, observation.channels, observation.record.dt)
+    def whitened(moved: Any, bound: BoundLikelihood) -> Any:
+        response, _ = model.response(posterior.model_parameters(moved), model.traced(bound.observation.record))
+        unknown = jax.lax.stop_gradient(bound.unknowns(point))
+        return bound.discrepancy.whiten(bound.shown(response, moved), unknown, bound.channels, bound.dt)
 
-    def sensitivity(stages: Any, index: int) -> np.ndarray:
+    def sensitivity(bound: BoundLikelihood) -> np.ndarray:
         def along(direction: Any) -> Any:
-            return jax.jvp(lambda t: whitened(t, stages, index), (point,), (direction[None, :],))[1]
+            return jax.jvp(lambda t: whitened(t, bound), (point,), (direction[None, :],))[1]
 
         directions = jnp.eye(point.shape[1])[jnp.array(kept)]
         return np.asarray(jax.jit(jax.vmap(along))(directions)).reshape(len(kept), -1)
 
-    rows = [
-        sensitivity(o.record.stage_values(model.substeps), i) for i, o in enumerate(posterior.observations)
-    ]  # one block of data after another
-    stacked = np.concatenate(rows, axis=1)
+    # One block of data after another.
+    stacked = np.concatenate([sensitivity(bound) for bound in posterior.likelihood.of], axis=1)
     fisher = stacked @ stacked.T
     prior_sd = np.array([list(posterior.space.marginals.values())[i].moments[1] for i in kept])
     scaled = fisher * np.outer(prior_sd, prior_sd)

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
-
-_STREAM = {"posterior": 11, "prior": 12, "other record": 13}
+from structid.streams import Purpose, derived_seed, stream
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def predict(
     observation = observations[index or 0]
     channels = observation.channels if channels is None else tuple(channels)
     every = tuple(dict.fromkeys((*observation.channels, *channels)))
-    model = _recording(posterior.model, every)
+    model = posterior.model.recording(*every) if set(every) - set(posterior.model.channels) else posterior.model
     run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress, map=posterior.map)
     good = run.done
     response = run.values[good][:, :, [run.channels.index(c) for c in every]]
@@ -114,8 +112,8 @@ def predict(
     if index is not None and len(response):
         shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
         response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
-    purpose = "other record" if index is None else "posterior"
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index or 0]))
+    purpose = Purpose.PREDICTION_ON_ANOTHER_RECORD if index is None else Purpose.PREDICTION_ON_THE_RECORD
+    rng = stream(seed, purpose, index or 0)
     observable = response.copy()
     noise_shape = (len(response), response.shape[1], measured.stop)
     observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
@@ -123,18 +121,6 @@ def predict(
     return Prediction(
         run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
     )
-
-
-def _recording(model: Any, channels: tuple[str, ...]) -> Any:
-    if set(channels) <= set(model.channels):
-        return model
-    if not hasattr(model, "recording"):
-        raise InputError(
-            "channels",
-            f"{', '.join(channels)}",
-            f"what this {type(model).__name__} records: {', '.join(model.channels)}",
-        )
-    return model.recording(*channels)
 
 
 def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
@@ -182,7 +168,7 @@ def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions
     """
     import xarray
 
-    prior = posterior.space.sample(len(theta), seed).values
+    prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values
     draws = {"chain": [0], "draw": np.arange(len(theta))}
     groups: dict[str, Any] = {
         "prior": xarray.Dataset(
@@ -211,14 +197,14 @@ def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions
             put(
                 "posterior_predictive",
                 f"y{suffix}",
-                _observable(posterior, theta, index, seed, "posterior")[None],
+                _observable(posterior, theta, index, seed, Purpose.PREDICTION_ON_THE_RECORD)[None],
                 every,
                 coords | draws,
             )
             put(
                 "prior_predictive",
                 f"y{suffix}",
-                _observable(posterior, prior, index, seed, "prior")[None],
+                _observable(posterior, prior, index, seed, Purpose.PREDICTION_FROM_THE_PRIOR)[None],
                 every,
                 coords | draws,
             )
@@ -232,8 +218,8 @@ def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions
     return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
 
 
-def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: str) -> np.ndarray:
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM[purpose], index]))
+def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
+    rng = stream(seed, purpose, index)
     response = posterior.predict(theta, index)
     unknown = posterior.unknowns(theta, index)
     observation = posterior.observations[index]

@@ -16,14 +16,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.stats
 
+from structid.device import over_runs
 from structid.errors import ConvergenceError, InputError
+from structid.inference.likelihood.batches import in_batches
+from structid.inference.likelihood.bound import Measured
 from structid.inference.likelihood.discrepancy import Discrepancy
-from structid.inference.likelihood.posterior import Posterior, batches
+from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Block
 from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 from structid.journal import digest
-from structid.models.face import JaxModel, Model, Progress
+from structid.models.face import Model, Progress
+from structid.streams import Purpose, stream
 from structid.units import label
 
 if TYPE_CHECKING:
@@ -37,8 +41,6 @@ ENOUGH_REPLICAS = 100
 """Fewer replicas see gross mistakes alone."""
 FEWEST_REPLICAS = 20
 """Fewer replicas tell nothing of a distribution."""
-
-_STREAM = {"truth": 41, "noise": 42}
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +93,7 @@ class Ranks:
             Replicas in each.
         """
         # Ranks are whole numbers: jittered within theirs, bins that do not divide them have equal probability.
-        rng = np.random.default_rng(0)
+        rng = stream(0, Purpose.RANK_JITTER)
         place = (self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1)
         return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in place.T])
 
@@ -184,7 +186,8 @@ def sbc(
     Parameters
     ----------
     posterior : Posterior
-        On a built-in model or a surrogate; what was measured in it does not matter but for that.
+        On any model. What was measured in it does not matter but for that. An expensive solver is run a million times: fit a
+        surrogate to it over the whole prior, and give the solver as `simulator`.
     replicas : int
         How many.
     seed : int
@@ -207,7 +210,7 @@ def sbc(
     Raises
     ------
     InputError
-        If there are too few replicas, or the posterior's model is not one of structid's own.
+        If there are too few replicas.
     ConvergenceError
         If most simulations at draws of the prior fail.
     """
@@ -232,7 +235,7 @@ def _simulated(
     posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """True parameters, and what each observation would have shown, (replica, time, channel)."""
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["truth"]]))
+    rng = stream(seed, Purpose.REPLICA_TRUTH)
     source = posterior if simulator is None else posterior.on(simulator)
     truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)
     for attempt in range(10):
@@ -247,7 +250,7 @@ def _simulated(
     else:
         raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
     truth, values = truth[:replicas], [v[:replicas] for v in values]
-    rng = np.random.default_rng(np.random.SeedSequence([seed, _STREAM["noise"]]))
+    rng = stream(seed, Purpose.REPLICA_NOISE)
     law = posterior.discrepancy if noise is None else noise
     for index, observation in enumerate(posterior.observations):
         unknown, dt = posterior.unknowns(truth, index), observation.record.dt
@@ -268,20 +271,6 @@ class ReplicatedPosterior(Target):
     """
 
     def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
-        if not isinstance(posterior.model, JaxModel):
-            raise InputError(
-                "sbc",
-                f"a posterior on a {type(posterior.model).__name__}, which would be run a million times",
-                "a posterior on a built-in model or a surrogate",
-                "Fit a surrogate to runs over the whole prior, and give the solver as simulator.",
-            )
-        if posterior.model_error:
-            raise InputError(
-                "sbc",
-                "a posterior with model_error=True, whose likelihood knows one measurement only",
-                "a posterior without",
-                "Whether the surrogate's error matters is seen by giving the model behind it as simulator.",
-            )
         self.names, self.bijection = posterior.names, posterior.bijection
         self._posterior = posterior
         self._values = [np.ascontiguousarray(v.transpose(1, 2, 0)) for v in values]
@@ -293,30 +282,19 @@ class ReplicatedPosterior(Target):
         return True
 
     @cached_property
-    def _data(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Stages of the records, and what each observation shows in every replica (time, channel, replica)."""
-        return [(stages, values) for (stages, *_), values in zip(self._posterior.data, self._values, strict=True)]
+    def _measured(self) -> tuple[Measured, ...]:
+        """What the likelihood takes of each observation in all replicas."""
+        bounds = self._posterior.likelihood.of
+        return tuple(bound.measured_as(values) for bound, values in zip(bounds, self._values, strict=True))
 
     @cached_property
     def _compiled(self) -> Callable[..., Any]:
-        from structid.device import jnp, over_runs
+        def parts(phi_and_replica: Any, data: tuple[Measured, ...]) -> tuple[Any, Any, Any]:
+            phi, replica = phi_and_replica[:, :-1], phi_and_replica[:, -1].astype(int)
+            own = tuple(measured.for_runs(replica) for measured in data)
+            return self._posterior.parts_in_coordinates(phi, own)
 
-        p, model = self._posterior, self._posterior.model
-        assert isinstance(model, JaxModel)
-
-        def parts(phi_and_replica: Any, data: Any) -> tuple[Any, Any, Any]:
-            phi, which = phi_and_replica[:, :-1], phi_and_replica[:, -1].astype(int)
-            theta, jacobian = p.bijection.forward(phi)
-            prior = p.space.jax_log_density(theta)
-            total, finite = jnp.zeros(len(theta)), jnp.ones(len(theta), dtype=bool)
-            for index, (stages, values) in enumerate(data):
-                response, good = model.response(p.model_parameters(theta), p.observations[index].record, stages)
-                total += p.likelihood_given(response, theta, values[:, :, which], index)
-                finite &= good
-            good = finite & jnp.isfinite(total) & jnp.isfinite(prior)
-            return prior + jacobian, jnp.where(good, total, -jnp.inf), jnp.isfinite(prior) & ~good
-
-        return over_runs(parts)
+        return over_runs(parts, shard=self._posterior.likelihood.loops_over_time)
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Prior and likelihood apart; see `Target.evaluate_parts`.
@@ -331,11 +309,16 @@ class ReplicatedPosterior(Target):
         tuple of ndarray, shape (run,)
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
-        which = np.repeat(np.arange(self._count), len(phi) // self._count)
-        rows = np.concatenate([phi, which[:, None]], axis=1)
-        parts = [self._compiled(rows[some], self._data) for some in batches(len(rows))]
-        prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
-        return prior, likelihood, failed
+        replica = np.repeat(np.arange(self._count), len(phi) // self._count)
+        if self._posterior.model.traceable:
+            rows = np.concatenate([phi, replica[:, None]], axis=1)
+            prior, likelihood, failed = in_batches(self._compiled, rows, self._measured)
+            return prior, likelihood, failed
+        theta, jacobian = self.bijection(phi)
+        prior = self._posterior.space.log_density(theta)
+        own = [values[:, :, replica] for values in self._values]
+        likelihood, failed = self._posterior.likelihood.on_host(theta, np.isfinite(prior), own)
+        return prior + jacobian, likelihood, failed
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log density; see `Target.evaluate`.

@@ -18,9 +18,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.errors import InputError
-from structid.histories import CHANNEL_UNITS, base_channel
 from structid.inference.likelihood.discrepancy import Discrepancy
-from structid.probability.marginals import LogNormal, Marginal, Uniform
+from structid.probability.marginals import LogNormal, Uniform
+from structid.probability.truncation import Marginal
 
 Matrix = list[list[Any]]
 """A small matrix whose entries are arrays over channels and runs."""
@@ -82,7 +82,9 @@ class Correlated(Discrepancy):
 
     # --- parameters ---------------------------------------------------------------------------------------------
 
-    def parameters(self, values: np.ndarray, channels: tuple[str, ...], dt: float) -> dict[str, Marginal]:
+    def parameters(
+        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+    ) -> dict[str, Marginal]:
         """Unknown parameters and their priors; see `Discrepancy.parameters`.
 
         Parameters
@@ -93,6 +95,8 @@ class Correlated(Discrepancy):
             Names of its channels.
         dt : float
             Its time step [s].
+        units : tuple of str
+            SI unit of each channel, empty where it is not known.
 
         Returns
         -------
@@ -100,8 +104,7 @@ class Correlated(Discrepancy):
             ``sigma2``, ``white``, and the kernel's, with ``_<channel>`` where there are several channels.
         """
         priors: dict[str, Marginal] = {}
-        for i, channel in enumerate(channels):
-            unit = CHANNEL_UNITS.get(base_channel(channel), ("", ""))[0]
+        for i, (channel, unit) in enumerate(zip(channels, units, strict=True)):
             peak = float(np.abs(values[:, i]).max())
             if peak == 0.0:
                 raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")

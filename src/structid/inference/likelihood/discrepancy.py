@@ -10,15 +10,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.errors import InputError
-from structid.histories import CHANNEL_UNITS, base_channel
-from structid.probability.marginals import Marginal, Uniform
+from structid.probability.marginals import Uniform
+from structid.probability.truncation import Marginal
 
 
 class Discrepancy(ABC):
     """A law of ε with parameters of its own, which are inferred with the model's."""
 
-    sees_only_squares: ClassVar[bool] = False
-    """Whether the likelihood depends on a residual through the sum of its squares over time alone."""
+    independent: ClassVar[bool] = False
+    """Whether errors are independent and normal: the likelihood then sees of a residual only the sum of its squares over time."""
 
     def log_likelihood_of_squares(
         self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
@@ -43,8 +43,31 @@ class Discrepancy(ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} needs the whole residual")
 
+    def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
+        """σ² of every channel and run; for laws of independent errors.
+
+        Parameters
+        ----------
+        unknown : mapping of str to array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        runs : int
+            How many runs.
+        numpy : module
+            ``numpy``, or ``jax.numpy`` inside JAX.
+
+        Returns
+        -------
+        array, shape (channel, run)
+            In the square of each channel's SI unit.
+        """
+        raise NotImplementedError(f"{type(self).__name__} is no law of independent errors")
+
     @abstractmethod
-    def parameters(self, values: np.ndarray, channels: tuple[str, ...], dt: float) -> dict[str, Marginal]:
+    def parameters(
+        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+    ) -> dict[str, Marginal]:
         """Unknown parameters of ε and their priors.
 
         Parameters
@@ -55,6 +78,8 @@ class Discrepancy(ABC):
             Names of its channels.
         dt : float
             Its time step [s].
+        units : tuple of str
+            SI unit of each channel, empty where it is not known.
 
         Returns
         -------
@@ -181,7 +206,7 @@ class IID(Discrepancy):
     variance: float | Marginal | Mapping[str, float | Marginal] | None = None
     per_channel: bool = True
 
-    sees_only_squares: ClassVar[bool] = True
+    independent: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         given = self.variance.values() if isinstance(self.variance, Mapping) else [self.variance]
@@ -201,7 +226,9 @@ class IID(Discrepancy):
             )
         return self.variance[channel]
 
-    def parameters(self, values: np.ndarray, channels: tuple[str, ...], dt: float) -> dict[str, Marginal]:
+    def parameters(
+        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+    ) -> dict[str, Marginal]:
         """Unknown variances and their priors; see `Discrepancy.parameters`.
 
         Parameters
@@ -212,6 +239,8 @@ class IID(Discrepancy):
             Names of its channels.
         dt : float
             Its time step [s].
+        units : tuple of str
+            SI unit of each channel, empty where it is not known.
 
         Returns
         -------
@@ -227,7 +256,7 @@ class IID(Discrepancy):
                 peak = np.abs(values).max() if not self.per_channel else np.abs(values[:, i]).max()
                 if peak == 0.0:
                     raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")
-                unit = CHANNEL_UNITS.get(base_channel(channel), ("", ""))[0]
+                unit = units[i]
                 priors.setdefault(
                     self._name(channel, channels),
                     Uniform(0.0, float(peak) ** 2, unit=f"({unit})^2" if unit else ""),

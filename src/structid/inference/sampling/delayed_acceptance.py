@@ -7,7 +7,7 @@ those of the model's posterior whatever the surrogate; a bad one only makes them
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -15,10 +15,11 @@ import numpy as np
 from structid.errors import ConvergenceError, InputError
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
-from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined, stream
+from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.starting import tempered_draws
 from structid.inference.target import Target
-from structid.models.face import JaxModel, Model, Progress
+from structid.models.face import Model, Progress
+from structid.streams import Purpose, stream
 
 START_TRIES = 5
 """Rounds of looking for starting points at which the model itself has a density."""
@@ -29,8 +30,6 @@ PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
 leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
 DECORRELATED = 0.2
 """Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
-
-_PURPOSE = {"start": 21, "steps": 22}
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +84,27 @@ class DelayedAcceptance(Sampler):
 
     # Sub-chains are made as long as the surrogate's posterior forgets in.
     needed_length: ClassVar[float] = 5.0
+    exact: ClassVar[bool] = True
+
+    @property
+    def proposal_model(self) -> Model | None:
+        """The surrogate; None where a bare density proposes."""
+        return self.approximation if isinstance(self.approximation, Model) else None
+
+    def proposing_by(self, surrogate: Model) -> DelayedAcceptance:
+        """Return these settings with a surrogate that proposes; see `Sampler.proposing_by`.
+
+        Parameters
+        ----------
+        surrogate : Model
+            Of the model that is sampled.
+
+        Returns
+        -------
+        DelayedAcceptance
+            The settings, complete.
+        """
+        return replace(self, approximation=surrogate)
 
     def __post_init__(self) -> None:
         for name, least in (
@@ -177,7 +197,7 @@ class DelayedAcceptance(Sampler):
             keep(0, blocks[0])
         law = self._learnt_law(blocks)
         for number in range(len(blocks), self.steps):
-            rng, last = stream(seed, _PURPOSE["steps"], number), blocks[-1]
+            rng, last = stream(seed, Purpose.DELAYED_ACCEPTANCE_STEPS, number), blocks[-1]
             state, length = TwoStageState.of(last), int(last["next_sub_steps"][-1])
             plain_every = int(last["plain_every"][-1])
             if number >= self.tuning and number % plain_every == plain_every - 1:
@@ -236,7 +256,7 @@ class DelayedAcceptance(Sampler):
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
     ) -> tuple[TwoStageState, int, int]:
         """Starting points at which both densities are finite; true runs they took, and how many failed."""
-        rng = stream(seed, _PURPOSE["start"], 0)
+        rng = stream(seed, Purpose.DELAYED_ACCEPTANCE_START, 0)
         if points is None:
             candidates = tempered_draws(proposing, seed)
         else:
@@ -422,8 +442,7 @@ def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tu
     density = np.full(moved.shape, -np.inf)
     # An external solver is spared the runs of sub-chains that went nowhere; batches of a built-in one stay of one size, since
     # each size is compiled.
-    external = isinstance(target, Posterior) and not isinstance(target.model, JaxModel)
-    rows = moved if external else np.ones_like(moved)
+    rows = moved if target.costs_runs else np.ones_like(moved)
     if not rows.any():
         return density, 0, 0
     density[rows], failed = target.evaluate(proposal[rows])

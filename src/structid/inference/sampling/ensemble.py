@@ -21,17 +21,16 @@ from structid.inference.sampling.sampler import (
     Sampler,
     block_lengths,
     joined,
-    stream,
     without_cut_off,
 )
 from structid.inference.target import Target
 from structid.models.face import Progress
+from structid.streams import Purpose, stream
 
 SETTLING_GAP = 30.0
 """Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
-_PURPOSE = {"start": 1, "moves": 2, "settling": 3}
 
 
 @dataclass(frozen=True)
@@ -199,7 +198,7 @@ def starting_state(
             f"{settings.walkers} for {target.dimension} parameters",
             f"{2 * target.dimension} or more: an ensemble must span the space",
         )
-    rng = stream(seed, _PURPOSE["start"], 0)
+    rng = stream(seed, Purpose.ENSEMBLE_START, 0)
     total = settings.ensembles * settings.walkers
     wanted = total * settings.start_candidates
     phi, density = np.empty((0, target.dimension)), np.empty(0)
@@ -268,7 +267,7 @@ def run_block(
         The state after, and ``phi`` (step, ensemble, walker, parameter), ``log_density``, ``accepted`` (step, ensemble, walker)
         and ``failed`` simulations (step,).
     """
-    rng = stream(seed, _PURPOSE["moves"], index)
+    rng = stream(seed, Purpose.ENSEMBLE_MOVES, index)
     state, moves = state.copied(), Moves(settings.stretch, settings.differential_evolution)
     ensembles, walkers, dimension = state.phi.shape
     block: Block = {
@@ -301,7 +300,7 @@ def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
     EnsembleState
         Every walker within `SETTLING_GAP` nats of its ensemble's median.
     """
-    rng = stream(seed, _PURPOSE["settling"], index)
+    rng = stream(seed, Purpose.ENSEMBLE_SETTLING, index)
     phi, density = state.copied()
     for ensemble in range(len(phi)):
         lost = density[ensemble] < np.median(density[ensemble]) - SETTLING_GAP

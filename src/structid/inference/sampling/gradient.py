@@ -20,17 +20,15 @@ from structid.inference.sampling.sampler import (
     Sampler,
     block_lengths,
     joined,
-    stream,
     without_cut_off,
 )
 from structid.inference.sampling.starting import tempered_draws
 from structid.inference.target import Target
 from structid.models.face import Progress
+from structid.streams import Purpose, stream
 
 START_TRIES = 20
 """Rounds of drawing starting points of finite density."""
-
-_PURPOSE = {"start": 31, "warm-up": 32, "steps": 33}
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,8 @@ class NUTS(Sampler):
 
     discard = 0.0  # no field: the warm-up is apart
     needed_length: ClassVar[float] = 50.0
+    needs_derivatives: ClassVar[bool] = True
+    interacting: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for name, least in (("steps", 2), ("chains", 1), ("warm_up", 50), ("deepest", 1)):
@@ -133,13 +133,13 @@ class NUTS(Sampler):
         blocks = blocks[:1] + without_cut_off(blocks[1:], lengths)
         if not blocks:
             phi = self._start(target, seed, start)
-            blocks = [kernels.warmed_up(phi, stream(seed, _PURPOSE["warm-up"], 0))]
+            blocks = [kernels.warmed_up(phi, stream(seed, Purpose.NUTS_WARM_UP, 0))]
             keep(0, blocks[0])
         if progress is not None:
             progress(self.warm_up, total)
         tuned = blocks[0]
         for number in range(len(blocks), len(lengths) + 1):
-            rng = stream(seed, _PURPOSE["steps"], number)
+            rng = stream(seed, Purpose.NUTS_STEPS, number)
             block = kernels.drawn(blocks[-1]["phi"][-1, :, 0], tuned, lengths[number - 1], rng)
             keep(number, block)
             blocks = [*blocks, block]
@@ -152,7 +152,7 @@ class NUTS(Sampler):
 
     def _start(self, target: Target, seed: int, points: np.ndarray | None) -> np.ndarray:
         """Starting points of finite density, (chain, parameter)."""
-        rng = stream(seed, _PURPOSE["start"], 0)
+        rng = stream(seed, Purpose.NUTS_START, 0)
         if points is not None:
             candidates = target.bijection.inverse(np.atleast_2d(np.asarray(points, dtype=np.float64)))
         elif target.knows_prior:

@@ -3,6 +3,8 @@
 J. Goodman & J. Weare (2010), "Ensemble samplers with affine invariance", Comm. App. Math. Comp. Sci. 5, 65-80,
 doi 10.2140/camcos.2010.5.65; differential-evolution moves after C. ter Braak (2006), doi 10.1007/s11222-006-8769-1; independence
 moves as N. Chopin (2002), doi 10.1093/biomet/89.3.539, makes them with particles.
+
+Numbers in brackets, such as [2.31], are equations of the MSc thesis in docs/bibliography.md.
 """
 
 from __future__ import annotations
@@ -86,7 +88,7 @@ def stretch_proposal(
     """Stretch move.
 
     x* = x_j + Z (x_i − x_j) with x_j from the resting half and Z ~ g(z) ∝ 1/√z on [1/a, a], accepted with
-    min{1, Z^(d−1) π(x*)/π(x_i)}. (The source prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
+    min{1, Z^(d−1) π(x*)/π(x_i)}. (The thesis prints x_i + Z (x_j − x_i) [2.31], which is not the move that its acceptance [2.33]
     belongs to.)
 
     Parameters

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from structid.inference.target import Target
-from structid.models.face import Progress
+from structid.models.face import Model, Progress
 
 Block = dict[str, np.ndarray]
 """Arrays with a leading step axis."""
@@ -143,6 +143,32 @@ class Sampler(ABC):
 
     needed_length: ClassVar[float]
     """Kept steps, in autocorrelation times, of a converged run."""
+    needs_derivatives: ClassVar[bool] = False
+    """Whether the target's density must be a JAX function."""
+    interacting: ClassVar[bool] = True
+    """Whether walkers know one another, so that an ensemble must have at least twice as many as there are parameters."""
+    exact: ClassVar[bool] = False
+    """Whether it draws from the posterior of the model itself, with a surrogate that only proposes."""
+
+    @property
+    def proposal_model(self) -> Model | None:
+        """What makes the proposals in the place of the sampled model; None where the target itself does."""
+        return None
+
+    def proposing_by(self, surrogate: Model) -> Sampler:
+        """Return these settings with a surrogate that proposes; for samplers that are exact.
+
+        Parameters
+        ----------
+        surrogate : Model
+            Of the model that is sampled.
+
+        Returns
+        -------
+        Sampler
+            The settings, complete.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no use for a surrogate's proposals")
 
     @property
     @abstractmethod
@@ -232,26 +258,6 @@ def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
         With a leading step axis.
     """
     return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
-
-
-def stream(seed: int, purpose: int, index: int) -> np.random.Generator:
-    """Random numbers of one block of one sampler.
-
-    Parameters
-    ----------
-    seed : int
-        The run's.
-    purpose : int
-        What they are for; another number for everything that draws.
-    index : int
-        The block's.
-
-    Returns
-    -------
-    numpy.random.Generator
-        The same for the same three.
-    """
-    return np.random.default_rng(np.random.SeedSequence([seed, purpose, index]))
 
 
 def block_lengths(steps: int) -> Iterator[int]:

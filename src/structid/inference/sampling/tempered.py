@@ -29,16 +29,14 @@ from structid.inference.sampling.sampler import (
     block_lengths,
     correlation,
     joined,
-    stream,
     without_cut_off,
 )
 from structid.inference.target import Target
 from structid.models.face import Progress
+from structid.streams import Purpose, stream
 
 MOST_STAGES = 200
 """Stages after which the tempering is given up."""
-
-_PURPOSE = {"start": 11, "stage": 12, "moves": 13}
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ class SMC(Sampler):
                     f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} stages. Check the "
                     "likelihood: it is finite almost nowhere, or far too narrow for these particles."
                 )
-            population, block = run_stage(self, target, population, stream(seed, _PURPOSE["stage"], number))
+            population, block = run_stage(self, target, population, stream(seed, Purpose.SMC_STAGE, number))
             keep(number, block)
             blocks.append(block)
             if progress is not None:
@@ -207,7 +205,7 @@ class SMC(Sampler):
         for index, length in enumerate(block_lengths(self.steps)):
             if first + index < len(blocks):
                 continue
-            population, block = run_moves(self, target, population, stream(seed, _PURPOSE["moves"], index), length)
+            population, block = run_moves(self, target, population, stream(seed, Purpose.SMC_MOVES, index), length)
             keep(first + index, block)
             blocks.append(block)
             if progress is not None:
@@ -292,7 +290,7 @@ def starting_population(settings: SMC, target: Target, seed: int) -> Population:
         At β = 0.
     """
     shape = (settings.ensembles, settings.particles)
-    phi = target.initial(settings.ensembles * settings.particles, stream(seed, _PURPOSE["start"], 0))
+    phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, 0))
     prior, likelihood, _ = target.evaluate_parts(phi)
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(

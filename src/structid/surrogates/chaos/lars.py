@@ -1,4 +1,4 @@
-"""Sparse regression: an order of the terms, least squares on nested sets of them, and leave-one-out to choose how many."""
+"""Sparse regression: order the terms, fit nested sets of them by least squares, choose how many by leave-one-out."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import numpy as np
 import scipy.linalg
 
 OPTIMISM = 0.25
-"""Forward selection has seen the errors it is judged by, least angle regression less so; it must be better by this factor.
-Measured: on smooth functions it is better by 10 to 10⁵, on kinked ones its leave-one-out error is a third too small."""
+"""Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this factor.
+It chooses terms by the same data that judge it, so its leave-one-out error is optimistic, more so than the other's.
+Measured: on smooth functions it is better by 10 to 10⁵; on functions with kinks its leave-one-out error is a third too small."""
 
 FIRST_PATH = 120
-"""Terms of the first path that is followed; it is doubled while the best model lies near its end."""
+"""Number of terms of the first path. The path is doubled while the best model lies near its end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class NestedFits:
     leave_one_out : ndarray, shape (size,)
         Mean squared leave-one-out residual.
     correction : ndarray, shape (size,)
-        Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from where the columns depend on one another.
+        Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column on.
     """
 
     residual_variance: np.ndarray
@@ -37,27 +38,27 @@ class NestedFits:
     @property
     def corrected(self) -> np.ndarray:
         """Corrected mean squared leave-one-out residual, shape (size,)."""
-        return self.leave_one_out * self.correction
+        return np.asarray(self.leave_one_out * self.correction)
 
 
 def nested_least_squares(columns: np.ndarray, response: np.ndarray) -> NestedFits:
-    """Residuals and leave-one-out residuals of every nested model, from one QR factorisation.
+    """Compute residuals and leave-one-out residuals of every nested model from one QR factorisation.
 
-    With Ψ = QR the hat matrix of the first P columns is Q_P Q_Pᵀ, so that both the residual y − Q_P Q_Pᵀ y and the leverages
-    h = Σ qᵢ² are running sums, and the leave-one-out residual is (y − ŷ)/(1 − h) (thesis eq. 2.41). R_P⁻¹ is the leading
-    block of R⁻¹, so tr (ΨᵀΨ)⁻¹ = ‖R_P⁻¹‖² is a running sum too. Correction: Chapelle, Vapnik & Bengio 2002.
+    With Ψ = QR the hat matrix of the first P columns is Q_P Q_Pᵀ. Both the residual y − Q_P Q_Pᵀ y and the leverages
+    h = Σ qᵢ² are therefore running sums, and the leave-one-out residual is (y − ŷ)/(1 − h) (thesis eq. 2.41). R_P⁻¹ is the
+    leading block of R⁻¹, so tr (ΨᵀΨ)⁻¹ = ‖R_P⁻¹‖² is a running sum too. Correction: Chapelle, Vapnik & Bengio 2002.
 
     Parameters
     ----------
     columns : ndarray, shape (run, term)
-        The terms, in the order they enter.
+        The terms, in the order in which they enter.
     response : ndarray, shape (run,)
-        What is fitted.
+        The response to fit.
 
     Returns
     -------
     NestedFits
-        One entry for each size.
+        One entry for each number of columns.
     """
     runs, terms = columns.shape
     q, r = np.linalg.qr(columns)
@@ -74,7 +75,7 @@ def nested_least_squares(columns: np.ndarray, response: np.ndarray) -> NestedFit
 
 
 def least_angle_order(gram: np.ndarray, covariance: np.ndarray, runs: int, most: int) -> np.ndarray:
-    """Order in which least angle regression takes up the terms (Efron et al. 2004, doi 10.1214/009053604000000067).
+    """Return the order in which least angle regression adds terms (Efron et al. 2004, doi 10.1214/009053604000000067).
 
     Parameters
     ----------
@@ -85,17 +86,17 @@ def least_angle_order(gram: np.ndarray, covariance: np.ndarray, runs: int, most:
     runs : int
         Number of runs.
     most : int
-        How many steps at most.
+        Largest number of steps.
 
     Returns
     -------
     ndarray of int
-        Places of the terms.
+        Positions of the terms.
     """
-    from sklearn.linear_model import lars_path_gram
+    from sklearn.linear_model import lars_path_gram  # scikit-learn takes a second to import
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # it says when a term depends on others, and leaves it out
+        warnings.simplefilter("ignore")  # it warns of a term that depends on others, and leaves it out
         _, active, _ = lars_path_gram(
             covariance,
             gram,
@@ -116,11 +117,11 @@ class SparseFit:
     Parameters
     ----------
     active : ndarray of int, shape (active,)
-        Columns it uses.
+        The columns it uses.
     coefficients : ndarray, shape (active,)
         Their coefficients.
     leave_one_out_error : float
-        Corrected leave-one-out error, relative to the response's variance.
+        Corrected leave-one-out error relative to the variance of the response.
     """
 
     active: np.ndarray
@@ -129,11 +130,11 @@ class SparseFit:
 
 
 def orthogonal_order(gram: np.ndarray, covariance: np.ndarray, most: int) -> np.ndarray:
-    """Order in which orthogonal least squares takes up the terms: each time the one that lowers the residual most.
+    """Return the order in which orthogonal least squares adds terms: each time the one that lowers the residual most.
 
-    Works on inner products alone, as a Cholesky factorisation whose pivot is the largest error reduction c²/d, with c the
-    inner product of a term's part orthogonal to those chosen with the residual and d that part's squared norm (Chen, Billings
-    & Luo 1989, doi 10.1080/00207178908953472).
+    Works on inner products alone, as a Cholesky factorisation whose pivot is the term with the largest error reduction c²/d.
+    Of the part of a term that is orthogonal to the terms already chosen, d is the squared norm and c the inner product with the
+    residual (Chen, Billings & Luo 1989, doi 10.1080/00207178908953472).
 
     Parameters
     ----------
@@ -142,12 +143,12 @@ def orthogonal_order(gram: np.ndarray, covariance: np.ndarray, most: int) -> np.
     covariance : ndarray, shape (term,)
         Their inner products with the response.
     most : int
-        How many steps at most.
+        Largest number of steps.
 
     Returns
     -------
     ndarray of int
-        Places of the terms; terms that depend on those before them are left out.
+        Positions of the terms; terms that depend on those before them are left out.
     """
     factor = np.zeros((most, len(gram)))
     norm, inner = np.diag(gram).copy(), covariance.astype(np.float64).copy()
@@ -171,7 +172,7 @@ def orthogonal_order(gram: np.ndarray, covariance: np.ndarray, most: int) -> np.
 class SparseRegression:
     """Sparse least squares of many responses on one design matrix.
 
-    The terms are ordered, by least angle regression or by orthogonal least squares; ordinary least squares is fitted on the
+    The terms are ordered by least angle regression or by orthogonal least squares. Ordinary least squares is fitted on the
     first 1, 2, … of them, and the model with the smallest corrected leave-one-out error is kept (Blatman & Sudret 2011,
     doi 10.1016/j.jcp.2010.12.021).
 
@@ -180,7 +181,7 @@ class SparseRegression:
     columns : ndarray, shape (run, term)
         The design matrix; its first column is the constant.
     method : {"lars", "forward", "sparse"}
-        Least angle regression, orthogonal least squares, or whichever does better.
+        Least angle regression, orthogonal least squares, or whichever of the two is clearly better.
     """
 
     def __init__(self, columns: np.ndarray, method: str = "sparse") -> None:
@@ -197,12 +198,12 @@ class SparseRegression:
         Parameters
         ----------
         response : ndarray, shape (run,)
-            What is fitted; not constant.
+            The response to fit; not constant.
 
         Returns
         -------
         SparseFit
-            The model.
+            The sparse model.
         """
         if self.method != "sparse":
             return self._along(response, self.method)
@@ -211,7 +212,7 @@ class SparseRegression:
         return forward if clear else lars
 
     def _along(self, response: np.ndarray, method: str) -> SparseFit:
-        """Best of the nested models along one order of the terms."""
+        """The best of the nested models along one order of the terms."""
         covariance = self._standard.T @ (response - response.mean())
         limit = min(len(response) // 2, len(self._varying))
         most = min(FIRST_PATH, limit)
@@ -236,7 +237,7 @@ class SparseRegression:
 
 
 def least_squares(columns: np.ndarray, response: np.ndarray) -> np.ndarray:
-    """Ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR.
+    """Solve ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR factorisation.
 
     Parameters
     ----------
@@ -251,4 +252,4 @@ def least_squares(columns: np.ndarray, response: np.ndarray) -> np.ndarray:
         The coefficients.
     """
     q, r = np.linalg.qr(columns)
-    return scipy.linalg.solve_triangular(r, q.T @ response)
+    return np.asarray(scipy.linalg.solve_triangular(r, q.T @ response))

@@ -1,30 +1,30 @@
-"""Polynomial chaos: functions of the uncertain parameters as sums of polynomials orthonormal under their prior."""
+"""Settings and fit of a polynomial chaos expansion: which terms it has, and their coefficients."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
 from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.chaos.lars import SparseFit, SparseRegression, least_squares, nested_least_squares
-from structid.surrogates.chaos.polynomials import PolynomialBasis, by_degree, check_points, multi_indices
+from structid.surrogates.chaos.multi_indices import by_degree, multi_indices
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.chaos.shrinkage import fit_shrunk
+from structid.surrogates.regression import check_training
 
 PATIENCE = 2
-"""Degrees without a better leave-one-out error after which a degree-adaptive fit stops."""
-
-
+"""A degree-adaptive fit stops after this many degrees without a smaller leave-one-out error."""
 LARGEST_SEARCHED = 6000
-"""Terms beyond which a search for the degree ends, if it has found something; a single degree that is asked for may have more."""
+"""A search over degrees stops at a larger basis once it has found a model; a single requested degree may have more terms."""
 
 METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
-"""Ways to find the coefficients."""
+"""Methods that choose the terms and find their coefficients."""
 
 
 @dataclass(frozen=True)
@@ -34,17 +34,18 @@ class PCE:
     Parameters
     ----------
     degree : int or sequence of int
-        Largest total degree; of several each output takes the one with the smallest leave-one-out error, and the search stops
-        early when that no longer falls.
+        Largest total degree. Of several, each output takes the one with the smallest leave-one-out error; the search stops
+        early when that error no longer falls.
     hyperbolic_norm : float or sequence of float
-        q of the hyperbolic truncation, in (0, 1]; likewise.
+        q of the hyperbolic truncation, in (0, 1]. Of several, each output takes the best one too.
     interaction : int, optional
-        Most parameters in one term.
+        Largest number of parameters in one term.
     method : {"sparse", "lars", "forward", "ols", "shrinkage"}
-        How terms are chosen: by least angle regression, by forward orthogonal least squares, by whichever of the two has clearly
-        the smaller leave-one-out error, or not at all: ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more
-        terms than there are runs and lets their coefficients fall with the degree, at rates all outputs share and that are
-        learnt; degree, norm and interaction are not used then.
+        How the terms are chosen. ``"lars"`` uses least angle regression and ``"forward"`` forward orthogonal least squares;
+        ``"sparse"`` takes the second if its leave-one-out error is clearly smaller, and the first otherwise. ``"ols"`` chooses
+        none: it is ordinary least squares on the whole basis. ``"shrinkage"`` keeps many more terms than runs and lets their
+        coefficients shrink with the degree, at rates that it estimates from the runs and that all outputs share; `degree`,
+        `hyperbolic_norm` and `interaction` are not used then.
     """
 
     degree: int | Sequence[int] = tuple(range(1, 16))
@@ -59,19 +60,19 @@ class PCE:
                 multi_indices(1, degree, float(norm), self.interaction)
 
     def check_runs(self, dimension: int, runs: int) -> None:
-        """Check that there are runs enough for the smallest basis; ordinary least squares needs more of them than terms.
+        """Check that there are enough runs for the smallest basis; ordinary least squares needs more runs than terms.
 
         Parameters
         ----------
         dimension : int
             Number of parameters.
         runs : int
-            How many there are, or will be.
+            Number of runs, finished or planned.
 
         Raises
         ------
         InputError
-            If there are too few.
+            If there are too few runs.
         """
         if self.method != "ols":
             return
@@ -86,16 +87,16 @@ class PCE:
             )
 
     def fit(self, design: Design, values: np.ndarray, progress: Progress | None = None) -> ChaosExpansion:
-        """Fit one expansion or many.
+        """Fit an expansion of one output or many.
 
         Parameters
         ----------
         design : Design
-            Points, with the space they come from.
+            Points, with their parameter space.
         values : array-like, shape (run,) or (run, output)
-            The function's values there.
+            The values of the function there.
         progress : callable, optional
-            Told how many outputs are fitted.
+            Called with the number of fitted outputs and the total.
 
         Returns
         -------
@@ -105,7 +106,7 @@ class PCE:
         Raises
         ------
         InputError
-            If a value is not finite, an output constant, or the runs are too few for the basis.
+            If a value is not finite, an output is constant, or there are too few runs for the basis.
         """
         theta, outputs = check_training("PCE.fit", design, values)
         if self.method == "shrinkage":
@@ -129,7 +130,7 @@ class PCE:
         best: list[_Candidate | None],
         progress: Progress | None,
     ) -> None:
-        """Raise the degree until no output gains by it; keep each output's best model in `best`."""
+        """Raise the degree until no output improves; keep the best model of each output in `best`."""
         waiting = {k: 0 for k in range(outputs.shape[1])}
         reached = dict.fromkeys(waiting, np.inf)
         for degree in sorted(int(d) for d in np.atleast_1d(self.degree)):
@@ -137,14 +138,14 @@ class PCE:
                 break
             indices = multi_indices(space.dimension, degree, norm, self.interaction)
             if len(indices) > LARGEST_SEARCHED and all(b is not None for b in best):
-                break  # what has been found is kept
+                break  # the models found so far are kept
             basis = PolynomialBasis(space, indices)
             columns = basis.evaluate(theta)
             if self.method == "ols" and len(basis) >= len(theta):
                 break
             regression = None if self.method == "ols" else SparseRegression(columns, self.method)
             for k in list(waiting):
-                fit = regression.fit(outputs[:, k]) if regression else _whole(columns, outputs[:, k])
+                fit = regression.fit(outputs[:, k]) if regression else _whole_basis_fit(columns, outputs[:, k])
                 error = fit.leave_one_out_error
                 known = best[k]
                 if known is None or error < known.fit.leave_one_out_error:
@@ -167,68 +168,17 @@ class _Candidate:
     norm: float
 
 
-def _whole(columns: np.ndarray, response: np.ndarray) -> SparseFit:
+def _whole_basis_fit(columns: np.ndarray, response: np.ndarray) -> SparseFit:
+    """Ordinary least squares on all columns."""
     fits = nested_least_squares(columns, response)
     error = float(fits.corrected[-1] / response.var())
     return SparseFit(np.arange(columns.shape[1]), least_squares(columns, response), error)
 
 
-def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Check what a surrogate of scalar outputs is fitted to.
-
-    Parameters
-    ----------
-    where : str
-        The function, for messages.
-    design : Design
-        Points.
-    values : array-like, shape (run,) or (run, output)
-        Outputs.
-
-    Returns
-    -------
-    tuple of ndarray
-        Points (run, parameter) and outputs (run, output).
-
-    Raises
-    ------
-    InputError
-        If the numbers do not match, a value is not finite, or an output does not vary.
-    """
-    if not isinstance(design, Design):
-        raise InputError(
-            where, f"a {type(design).__name__}", "a Design: points with their space",
-            "space.sample(500, seed=1) makes one, Design(points, space) another.",
-        )  # fmt: skip
-    theta = check_points(where, design.values, design.space.dimension, design.names)
-    outputs = np.asarray(values, dtype=np.float64)
-    outputs = outputs[:, None] if outputs.ndim == 1 else outputs
-    if outputs.ndim != 2 or len(outputs) != len(theta):
-        raise InputError(
-            where, f"values of shape {np.shape(values)} for {len(theta)} points", f"({len(theta)}, output)"
-        )
-    bad = np.flatnonzero(~np.isfinite(outputs).all(axis=1))
-    if len(bad):
-        raise InputError(
-            where, f"{len(bad)} rows that are not finite, the first of them row {bad[0]}", "finite numbers",
-            "Leave failed runs out.",
-        )  # fmt: skip
-    if len(theta) < 3:
-        raise InputError(where, f"{len(theta)} runs", "3 or more")
-    spread = np.ptp(outputs, axis=0)
-    constant = np.flatnonzero(spread <= 1e-14 * np.abs(outputs).max(axis=0))
-    if len(constant):
-        raise InputError(
-            where, f"output {constant[0]}, which is {outputs[0, constant[0]]:g} in every run", "outputs that vary",
-            "Leave it out: there is nothing to fit.",
-        )  # fmt: skip
-    return theta, outputs
-
-
 def _expansion(
     space: ParameterSpace, found: list[_Candidate], theta: np.ndarray, outputs: np.ndarray
 ) -> ChaosExpansion:
-    """Bring the models of all outputs into one basis: the union of their terms."""
+    """Write the models of all outputs in one basis: the union of their terms."""
     every = np.concatenate([f.indices for f in found])
     union, place = np.unique(every, axis=0, return_inverse=True)
     order = by_degree(union)
@@ -251,194 +201,7 @@ def _expansion(
 
 
 def _shrunk_expansion(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ChaosExpansion:
+    """The expansion with more terms than runs, whose coefficients shrink with the degree."""
     fit = fit_shrunk(space, theta, outputs)
     truncation = ((int(fit.basis.indices.sum(axis=1).max()), 1.0),) * outputs.shape[1]
     return ChaosExpansion(fit.basis, fit.coefficients, fit.leave_one_out_error, truncation, theta, outputs)
-
-
-@dataclass(frozen=True, eq=False)
-class ChaosExpansion:
-    """A fitted polynomial chaos expansion of one output or many.
-
-    Parameters
-    ----------
-    basis : PolynomialBasis
-        Every term some output uses.
-    coefficients : ndarray, shape (term, output)
-        Zero where an output does not use a term.
-    leave_one_out_error : ndarray, shape (output,)
-        Corrected leave-one-out error relative to the output's variance.
-    truncation : tuple of tuple
-        Degree and hyperbolic norm chosen for each output.
-    theta : ndarray, shape (run, parameter)
-        The points it was fitted to.
-    outputs : ndarray, shape (run, output)
-        The values there.
-    """
-
-    basis: PolynomialBasis
-    coefficients: np.ndarray
-    leave_one_out_error: np.ndarray
-    truncation: tuple[tuple[int, float], ...]
-    theta: np.ndarray
-    outputs: np.ndarray
-
-    @property
-    def terms(self) -> np.ndarray:
-        """How many terms each output uses, shape (output,)."""
-        return np.count_nonzero(self.coefficients, axis=0)
-
-    @property
-    def mean(self) -> np.ndarray:
-        """Mean of each output under the prior: the coefficient of the constant, shape (output,)."""
-        return self.prior_coefficients[self._constant].sum(axis=0)
-
-    @cached_property
-    def prior_coefficients(self) -> np.ndarray:
-        """Coefficients of the polynomials orthonormal under the prior, which moments and indices are made of, (term, output)."""
-        return self.basis.to_prior(self.coefficients)
-
-    @property
-    def variance(self) -> np.ndarray:
-        """Variance of each output under the prior, Σ_{α≠0} c_α², shape (output,)."""
-        return np.sum(self.prior_coefficients[~self._constant] ** 2, axis=0)
-
-    @property
-    def _constant(self) -> np.ndarray:
-        return np.asarray(~self.basis.indices.any(axis=1))
-
-    def predict(self, theta: Any) -> Any:
-        """Values at other points.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, output)
-            Of the kind `theta` is.
-        """
-        return self.basis.evaluate(theta) @ self.coefficients
-
-    def sobol_indices(self, order: int | Literal["total"] = 1) -> np.ndarray:
-        """Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002).
-
-        Parameters
-        ----------
-        order : {1, 2, "total"}
-            First order, second order (pairs), or total.
-
-        Returns
-        -------
-        ndarray, shape (parameter, output), or (parameter, parameter, output) for pairs
-            Sᵢ, S_T,ᵢ or Sᵢⱼ; the diagonal of the pairs is zero.
-
-        Raises
-        ------
-        InputError
-            If the parameters are dependent: their variance has no such shares.
-        """
-        if order not in (1, 2, "total"):
-            raise InputError("sobol_indices: order", f"{order!r}", '1, 2 or "total"')
-        if self.basis.space.correlation is not None:
-            raise InputError("sobol_indices", "correlated parameters", "independent ones", "Sobol' indices need that.")
-        used = self.basis.indices > 0
-        share = self.prior_coefficients**2 / self.variance
-        count = used.sum(axis=1)
-        if order == 2:
-            pairs = used[count == 2].astype(float)
-            indices = np.einsum("ti,tj,to->ijo", pairs, pairs, share[count == 2])
-            indices[np.arange(used.shape[1]), np.arange(used.shape[1])] = 0.0
-            return indices
-        keep = used & (count == 1)[:, None] if order == 1 else used
-        return keep.T.astype(float) @ share
-
-    def bootstrap(self, replicates: int, seed: int) -> np.ndarray:
-        """Coefficients refitted to runs drawn with replacement (Efron 1979), terms as chosen.
-
-        Parameters
-        ----------
-        replicates : int
-            How many.
-        seed : int
-            Seed.
-
-        Returns
-        -------
-        ndarray, shape (replicate, term, output)
-            Coefficients; their spread says how well the runs determine them.
-        """
-        if self.basis.box is not None:
-            raise InputError(
-                "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
-                "Its terms are more than the runs: least squares does not determine them.",
-            )  # fmt: skip
-        rng = np.random.default_rng(seed)
-        columns = self.basis.evaluate(self.theta)
-        found = np.zeros((replicates, *self.coefficients.shape))
-        for r in range(replicates):
-            rows = rng.integers(len(columns), size=len(columns))
-            for k in range(self.coefficients.shape[1]):
-                active = np.flatnonzero(self.coefficients[:, k])
-                found[r, active, k] = np.linalg.lstsq(columns[np.ix_(rows, active)], self.outputs[rows, k], rcond=None)[
-                    0
-                ]
-        return found
-
-    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the expansion consists of beside its space, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can say, and arrays.
-        """
-        arrays = {
-            "indices": self.basis.indices,
-            **({} if self.basis.box is None else {"box": self.basis.box}),
-            "coefficients": self.coefficients,
-            "leave_one_out_error": self.leave_one_out_error,
-            "truncation": np.array(self.truncation, dtype=np.float64),
-            "theta": self.theta,
-            "outputs": self.outputs,
-        }
-        return {}, arrays
-
-    @classmethod
-    def from_plain(
-        cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
-    ) -> ChaosExpansion:
-        """Make an expansion again from what `to_plain` said.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The parameters.
-        plain : dict
-            What JSON can say.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        ChaosExpansion
-            The same expansion.
-        """
-        return cls(
-            PolynomialBasis(space, arrays["indices"], arrays.get("box")),
-            arrays["coefficients"],
-            arrays["leave_one_out_error"],
-            tuple((int(d), float(q)) for d, q in arrays["truncation"]),
-            arrays["theta"],
-            arrays["outputs"],
-        )
-
-    def __str__(self) -> str:
-        degrees = sorted({d for d, _ in self.truncation})
-        return (
-            f"polynomial chaos of {self.basis.space.dimension} parameters, {self.coefficients.shape[1]} outputs: "
-            f"{len(self.basis)} terms, degrees {degrees[0]} to {degrees[-1]}, "
-            f"leave-one-out error up to {self.leave_one_out_error.max():.1e}"
-        )

@@ -1,10 +1,10 @@
-"""Polynomial chaos with more terms than runs: coefficients that shrink with the degree, at rates learnt from the runs.
+"""Polynomial chaos with more terms than runs: coefficients shrink with the degree, at rates estimated from the runs.
 
-A priori c_α ~ N(0, σ² λ_α) with λ_α = Π_j exp(−2 wⱼ αⱼ): the coefficients of an analytic function fall geometrically. The decay
-rates w and the noise g maximise the evidence of the outputs together, of which Ψ Λ Ψᵀ + g I is the covariance, and the
-posterior mean c = Λ Ψᵀ (Ψ Λ Ψᵀ + g I)⁻¹ y interpolates or smooths. Terms are those with the largest λ_α, so each parameter gets the
-degree it deserves. (Minimum-norm polynomial approximation: Rauhut & Ward 2016, doi 10.1016/j.acha.2015.02.003; evidence:
-Rasmussen & Williams 2006, section 5.4.)
+A priori c_α ~ N(0, σ² λ_α) with λ_α = Π_j exp(−2 wⱼ αⱼ), because the coefficients of an analytic function fall geometrically. The
+covariance of an output is σ² (Ψ Λ Ψᵀ + g I). The decay rates w and the noise g maximise the evidence of all outputs together. The
+posterior mean c = Λ Ψᵀ (Ψ Λ Ψᵀ + g I)⁻¹ y interpolates if g is small, and smooths otherwise. The basis holds the terms with the
+largest λ_α, so a parameter whose coefficients fall slowly gets a high degree. (Minimum-norm polynomial approximation:
+Rauhut & Ward 2016, doi 10.1016/j.acha.2015.02.003; evidence: Rasmussen & Williams 2006, section 5.4.)
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 
 from structid.probability.space import ParameterSpace
-from structid.surrogates.chaos.polynomials import PolynomialBasis, box_variables
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis, box_variables
 from structid.surrogates.search import quasi_newton
 from structid.surrogates.symmetric import inverse_of, raised_cholesky
 
@@ -26,24 +26,24 @@ LOG_NOISES = (-32.0, 3.0)
 """Range of the logarithm of the noise."""
 
 SMALLEST_NOISE = 1e-12
-"""Of the mean prior variance of the outputs."""
+"""Smallest noise, as a share of the mean prior variance of the outputs."""
 
 MOST_TERMS = 2500
-"""Largest basis."""
+"""Largest number of terms in the basis."""
 
 LARGEST_DEGREE = 60
-"""Of one parameter."""
+"""Largest degree of one parameter."""
 
 NEGLIGIBLE = 1e-11
-"""Share of the coefficients' energy that may be left out."""
+"""Share of the energy (sum of squares) of the coefficients that may be left out."""
 
 ROUNDS = 3
-"""The basis is chosen anew with the decay rates found, so often."""
+"""Number of times the basis is chosen, each time with the decay rates found so far."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShrunkFit:
-    """A fitted expansion.
+    """A fitted expansion with shrunk coefficients.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class ShrunkFit:
     coefficients : ndarray, shape (term, output)
         Posterior means.
     leave_one_out_error : ndarray, shape (output,)
-        Relative to the variance of each output.
+        Mean squared leave-one-out residual relative to the variance of each output.
     rates : ndarray, shape (parameter,)
         Decay rates w.
     """
@@ -64,7 +64,7 @@ class ShrunkFit:
 
 
 def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ShrunkFit:
-    """Fit all outputs with the same decay rates; each counts as much as it varies.
+    """Fit all outputs with the same decay rates; an output counts in proportion to its variance.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) ->
     theta : ndarray, shape (run, parameter)
         Points in SI.
     outputs : ndarray, shape (run, output)
-        Values there.
+        The values there.
 
     Returns
     -------
@@ -99,12 +99,12 @@ def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) ->
 
 
 def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Terms whose absence would show, and with each all that are lower in some parameter; places in order."""
+    """Rising positions of the terms that carry energy, and of every term that is lower than one of them in some parameter."""
     energy = np.sum(coefficients**2, axis=1)
     rising = np.argsort(energy)
     needed = np.ones(len(energy), dtype=bool)
     needed[rising[np.cumsum(energy[rising]) < NEGLIGIBLE * energy[1:].sum()]] = False
-    # Lower neighbours of what is needed, from the highest degree down.
+    # Add the lower neighbours of every term kept, from the highest degree down.
     place = {tuple(index): row for row, index in enumerate(indices)}
     for row in np.argsort(-indices.sum(axis=1), kind="stable"):
         if needed[row]:
@@ -116,14 +116,14 @@ def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 
 
 def weighted_indices(rates: np.ndarray, most: int) -> np.ndarray:
-    """Indices with the smallest Σ wⱼ αⱼ; with an index come all that are lower in some parameter.
+    """Return the multi-indices with the smallest Σ wⱼ αⱼ; with each come all that are lower in some parameter.
 
     Parameters
     ----------
     rates : ndarray, shape (parameter,)
-        w.
+        Decay rates w.
     most : int
-        How many.
+        Largest number of multi-indices.
 
     Returns
     -------
@@ -136,12 +136,13 @@ def weighted_indices(rates: np.ndarray, most: int) -> np.ndarray:
         if len(indices) >= most or budget > LARGEST_DEGREE * rates.max():
             break
         budget *= 1.3
-    # What has the same weight is taken whole in the order of the degree, so that the set stays closed downwards.
+    # Multi-indices of the same weight are taken in the order of their degree, so that the set stays downward closed.
     order = np.lexsort((indices.sum(axis=1), np.round(indices @ rates, 12)))
     return indices[order[:most]]
 
 
 def _within(rates: np.ndarray, budget: float) -> np.ndarray:
+    """All multi-indices with Σ wⱼ αⱼ ≤ budget, shape (n, parameter)."""
     rows, spent = np.zeros((1, 0), dtype=int), np.zeros(1)
     for rate in rates:
         reach = np.minimum((budget - spent) / rate + 1e-9, LARGEST_DEGREE).astype(int)
@@ -153,17 +154,18 @@ def _within(rates: np.ndarray, budget: float) -> np.ndarray:
 
 
 class _Evidence:
-    """Negative log evidence N/2 log σ̂² + ½ log|C|, C = Ψ Λ Ψᵀ + g I, and its gradient by log w and log g."""
+    """Negative log evidence N/2 log σ̂² + ½ log|C|, C = Ψ Λ Ψᵀ + g I, with its gradient by log w and log g."""
 
     def __init__(self, columns: np.ndarray, indices: np.ndarray, outputs: np.ndarray) -> None:
         self.columns, self.indices, self.outputs = columns, indices.astype(np.float64), outputs
         self.bounds = [LOG_RATES] * indices.shape[1] + [LOG_NOISES]
 
     def _prior(self, place: np.ndarray) -> np.ndarray:
-        return np.exp(-2.0 * self.indices @ np.exp(place[:-1]))
+        """Prior variances λ_α, shape (term,)."""
+        return np.asarray(np.exp(-2.0 * self.indices @ np.exp(place[:-1])))
 
     def _factor(self, place: np.ndarray) -> np.ndarray:
-        """Lower Cholesky factor of C; the noise is kept above what rounding leaves of the sum."""
+        """Lower Cholesky factor of C; the noise stays above the rounding error of the sum."""
         scaled = self.columns * np.sqrt(self._prior(place))
         matrix = scaled @ scaled.T
         noise = max(float(np.exp(place[-1])), SMALLEST_NOISE * float(np.trace(matrix)) / len(matrix))
@@ -183,7 +185,7 @@ class _Evidence:
         return value, np.append(slope, np.exp(place[-1]) * np.trace(by_matrix))
 
     def solution(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Coefficients (term, output), and leave-one-out residuals (run, output)."""
+        """Coefficients (term, output) and leave-one-out residuals (run, output)."""
         factor = self._factor(place)
         weights = scipy.linalg.cho_solve((factor, True), self.outputs)
         coefficients = self._prior(place)[:, None] * (self.columns.T @ weights)

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from typing import Any
 
+from structid.device import jnp
+
 FAMILIES = ("exponential", "matern32", "matern52", "gaussian")
 """Names of the correlation functions."""
 
 
 def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) -> Any:
-    """Correlation between two sets of points.
+    """Compute the correlations between two sets of points.
 
-    Ellipsoidal: R(h) with h² = Σⱼ ((aⱼ − bⱼ)/ℓⱼ)²; separable: Πⱼ R(|aⱼ − bⱼ|/ℓⱼ). With h the scaled distance R is exp(−h),
+    Ellipsoidal: R(h) with h² = Σⱼ ((aⱼ − bⱼ)/ℓⱼ)²; separable: Πⱼ R(|aⱼ − bⱼ|/ℓⱼ). With the scaled distance h, R is exp(−h),
     (1 + √3 h) exp(−√3 h), (1 + √5 h + 5h²/3) exp(−√5 h) or exp(−h²/2) (Rasmussen & Williams 2006, section 4.2.1).
 
     Parameters
     ----------
     family : {"exponential", "matern32", "matern52", "gaussian"}
-        R.
+        The correlation function R.
     separable : bool
-        Product over the coordinates, or function of the ellipsoidal distance.
+        Whether the correlation is a product over the coordinates; otherwise it is a function of the ellipsoidal distance.
     a, b : jax.Array, shapes (n, coordinate) and (m, coordinate)
         The points.
     log_lengths : jax.Array, shape (coordinate,)
@@ -30,11 +32,9 @@ def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) 
     jax.Array, shape (n, m)
         Correlations.
     """
-    from structid.device import jnp
-
     scaled = [
         (a[:, j, None] - b[None, :, j]) * jnp.exp(-log_lengths[j]) for j in range(a.shape[1])
-    ]  # one coordinate at a time: XLA fuses them, and nothing of size (n, m, coordinate) is made
+    ]  # one coordinate at a time: XLA fuses them, and no array of size (n, m, coordinate) is allocated
     if family == "gaussian":
         return jnp.exp(-0.5 * sum(s * s for s in scaled))
     if separable:
@@ -45,7 +45,7 @@ def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) 
             product = product * _polynomial(family, h)
         return product * jnp.exp(-_RATE[family] * sum(distance))
     square = sum(s * s for s in scaled)
-    # The derivative of the root at 0 is infinite; the function's is not.
+    # The derivative of the square root at 0 is infinite; that of the correlation is not.
     h = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
     return _polynomial(family, h) * jnp.exp(-_RATE[family] * h)
 
@@ -54,5 +54,6 @@ _RATE = {"exponential": 1.0, "matern32": 3.0**0.5, "matern52": 5.0**0.5}
 
 
 def _polynomial(family: str, h: Any) -> Any:
+    """The factor of R in front of the exponential."""
     s = _RATE[family] * h
     return {"exponential": 1.0, "matern32": 1.0 + s, "matern52": 1.0 + s + s * s / 3.0}[family]

@@ -14,16 +14,19 @@ import scipy.ndimage
 from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.chaos.pce import ChaosExpansion
-from structid.surrogates.face import Fit, Surrogate
-from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.face import Surrogate
+from structid.surrogates.fit import Fit
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.structure import Experiments, input_signals, training_set
 from structid.surrogates.narx.terms import Memory, Term
 from structid.surrogates.narx.training import FreeRun, refined_coefficients
+from structid.surrogates.regression import Regression
+from structid.surrogates.regressions import regression_from_plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -101,7 +104,7 @@ class Coefficients:
     ----------
     trend : ChaosExpansion
         All coefficients.
-    deviation : ChaosExpansion or KrigingPredictor, optional
+    deviation : Regression, optional
         Scaled deviations from the trend.
     varying : ndarray of int, optional
         Which coefficients deviate.
@@ -110,7 +113,7 @@ class Coefficients:
     """
 
     trend: ChaosExpansion
-    deviation: ChaosExpansion | KrigingPredictor | None = None
+    deviation: Regression | None = None
     varying: np.ndarray | None = None
     scale: np.ndarray | None = None
 
@@ -152,7 +155,7 @@ class Coefficients:
         found = put_under("trend", arrays)
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
-            said["deviation"] = [type(self.deviation).__name__, plain]
+            said["deviation"] = [self.deviation.word, plain]
             found |= put_under("deviation", arrays)
             found |= {"varying": self.varying, "scale": self.scale}
         return said, found
@@ -178,9 +181,8 @@ class Coefficients:
         trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
         if "deviation" not in plain:
             return cls(trend)
-        kind, said = plain["deviation"]
-        maker = ChaosExpansion if kind == "ChaosExpansion" else KrigingPredictor
-        deviation = maker.from_plain(space, said, found_under("deviation", arrays))
+        word, said = plain["deviation"]
+        deviation = regression_from_plain(word, space, said, found_under("deviation", arrays))
         return cls(trend, deviation, arrays["varying"], arrays["scale"])
 
 
@@ -220,6 +222,11 @@ class ParametricNARX(Surrogate):
     def terms(self) -> tuple[str, ...]:
         """What each coefficient belongs to."""
         return self.recursion.names
+
+    @property
+    def structure_in_words(self) -> list[tuple[str, str]]:
+        """The terms."""
+        return [("terms", ", ".join(self.terms))]
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse an excitation of another kind or step.
@@ -263,17 +270,15 @@ class ParametricNARX(Surrogate):
                 stacklevel=3,
             )
 
-    def response(self, theta: Any, excitation: Excitation, stages: Any) -> tuple[Any, Any]:
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
         """Respond inside JAX by the free run of the recursion.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
-            Its kind, step and lead-in.
-        stages : jax.Array, shape (time − 1, 1, 3)
-            Its values.
+        excitation : TracedExcitation
+            Of the kind and step it was trained with.
 
         Returns
         -------
@@ -282,9 +287,8 @@ class ParametricNARX(Surrogate):
         """
         from structid.device import jnp
 
-        self.check_excitation(excitation)
         scales = self.recursion.scales
-        x = input_signals(stages) / np.array([scales[x] for x in self.recursion.inputs])
+        x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         bound = PREDICTION_BOUND * self.largest
         coefficients = self.coefficients.predict(self.held_inside(theta)).T
         scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
@@ -370,14 +374,14 @@ class ParametricNARX(Surrogate):
         """
         return local_size(values) * self.spread
 
-    def error_variance(self, theta: Any, excitation: Excitation, values: Any) -> Any:
-        """Variance of the surrogate's error, averaged over time; see `JaxModel.error_variance`.
+    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+        """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
-        excitation : Excitation
+        excitation : TracedExcitation
             What drives it.
         values : jax.Array, shape (time, channel, run)
             The response there.

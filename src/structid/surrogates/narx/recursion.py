@@ -1,4 +1,7 @@
-"""The recursion of a NARX model inside JAX: from inputs and coefficients to outputs, one step ahead or free-running."""
+"""The recursion of a NARX model inside JAX: from inputs and coefficients to outputs, one step ahead or free-running.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

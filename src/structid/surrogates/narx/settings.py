@@ -1,23 +1,24 @@
-"""Settings of NARX surrogates: of one measured system, and with coefficients that are functions of parameters."""
+"""Settings that every NARX surrogate shares.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from dataclasses import asdict, dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
-from structid.errors import InputError, Status, check_choice
+from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
+from structid.keys import Seconds
 from structid.probability.space import Design, ParameterSpace
-from structid.runs import InMemory, Runs
-from structid.surrogates.chaos.pce import PCE
-from structid.surrogates.face import check_enough, common_step
-from structid.surrogates.kriging.predictor import Kriging
-from structid.surrogates.narx.fitting import NARXFit, check_terms_of_chaos, held_out_rows
-from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.streams import Purpose, stream
+from structid.surrogates.fit import OutsideRule, check_enough, common_step
 from structid.surrogates.narx.structure import Signals, structure_of
 from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
 
@@ -70,8 +71,11 @@ class NARXSettings:
     held_out: float = 0.1
     washout: float = 0.0
     limit: float = 5e-2
-    outside: Literal["warn", "refuse", "allow"] = "warn"
+    outside: OutsideRule = "warn"
     seed: int = 0
+
+    warm_start: ClassVar[bool] = False
+    weighted: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         check_choice("training", self.training, ("joint", "per-experiment"))
@@ -129,139 +133,67 @@ class NARXSettings:
         return said
 
 
-@dataclass(frozen=True)
-class PCNARX(NARXSettings):
-    """Settings of a PC-NARX: a NARX whose coefficients are polynomial chaos expansions (thesis eq. 2.55).
+def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Choose the runs that are held out.
 
     Parameters
     ----------
-    pce : PCE
-        For ``training="per-experiment"``: how the coefficients are expanded.
-    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`.
+    runs : int
+        How many there are.
+    share : float
+        Share of them that is held out.
+    seed : int
+        Of the choice.
+
+    Returns
+    -------
+    tuple of ndarray of int
+        Rows to fit to, and rows held out.
     """
-
-    pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))
-
-    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
-        """Fit to runs on one record or several.
-
-        Parameters
-        ----------
-        runs : Runs
-            Of the model it is to stand for; failed ones are left out.
-        progress : callable, optional
-            Told how far the fit is, in hundredths.
-        weights : ndarray, shape (run,), optional
-            How much the error of each run counts in the joint training; the same for all when left out.
-
-        Returns
-        -------
-        ParametricNARX
-            A model for these parameters and any record.
-        """
-        return NARXFit(self, runs, progress, weights=weights).pc_narx(self.pce)
+    count = round(share * runs)
+    order = stream(seed, Purpose.HELD_OUT_RUNS).permutation(runs)
+    return np.sort(order[count:]), np.sort(order[:count])
 
 
-@dataclass(frozen=True)
-class KrigingNARX(NARXSettings):
-    """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
-
-    With ``training="joint"`` the coefficients of each run are refined on its own free run, drawn towards those of the joint
-    training as far as the run does not determine them; what they differ by is interpolated. Alone, least squares leaves
-    collinear coefficients to wander, and no interpolation follows.
+def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
+    """Check that runs determine coefficients that are chaos expansions of a degree.
 
     Parameters
     ----------
-    kriging : Kriging
-        How the coefficients are interpolated.
-    refinements : int
-        Steps of the refinement.
-    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`.
+    kind : str
+        The surrogate, for the message.
+    space : ParameterSpace
+        The parameters.
+    degree : int
+        Of the expansions.
+    runs : int
+        Runs they are fitted to.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two for each chaos term.
     """
-
-    kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))
-    refinements: int = 2
-
-    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
-        """Fit to runs on one record or several; see `PCNARX.fit`.
-
-        Parameters
-        ----------
-        runs : Runs
-            Of the model it is to stand for; failed ones are left out.
-        progress : callable, optional
-            Told how far the fit is, in hundredths.
-        weights : ndarray, shape (run,), optional
-            How much the error of each run counts in the joint training; the same for all when left out.
-
-        Returns
-        -------
-        ParametricNARX
-            A model for these parameters and any record.
-        """
-        return NARXFit(self, runs, progress, weights=weights).kriging_narx(self.kriging, self.refinements)
+    terms = math.comb(space.dimension + degree, degree)
+    if terms > max(runs // 2, 1):
+        raise InputError(
+            f"{kind}.fit",
+            f"{runs} runs (those held out apart) for coefficients of {terms} chaos terms (degree {degree})",
+            f"{2 * terms} runs or more",
+            "Lower the degree.",
+        )
 
 
-@dataclass(frozen=True)
-class NARX(NARXSettings):
-    """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.
-
-    Parameters
-    ----------
-    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
-        As for `NARXSettings`; there are no parameters, so the degree does not matter.
-    """
-
-    def fit(
-        self,
-        excitations: Excitation | Sequence[Excitation],
-        responses: np.ndarray | Sequence[np.ndarray],
-        channels: Sequence[str] = ("displacement",),
-        progress: Progress | None = None,
-    ) -> ParametricNARX:
-        """Fit to one experiment or several.
-
-        Parameters
-        ----------
-        excitations : Excitation or sequence of Excitation
-            What drove the system; several inputs at once are a `CombinedExcitation`.
-        responses : array-like or sequence of array-like, shape (time,) or (time, channel)
-            What was measured, in SI, one for each excitation.
-        channels : sequence of str
-            Names of the channels.
-        progress : callable, optional
-            Told how far the fit is, in hundredths.
-
-        Returns
-        -------
-        ParametricNARX
-            A model without free parameters; ``simulate(np.zeros((1, 0)), record)`` runs it.
-        """
-        if isinstance(excitations, Excitation):
-            excitations, responses = [excitations], [responses]  # type: ignore[list-item]
-        channels = (channels,) if isinstance(channels, str) else tuple(channels)
-        records = tuple(excitations)
-        measured = [np.asarray(r, dtype=np.float64) for r in responses]
-        if not records or len(records) != len(measured):
-            raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one to each")
-        samples = max(map(len, records))
-        values = np.full((len(records), samples, len(channels)), np.nan)
-        for row, (record, response) in enumerate(zip(records, measured, strict=True)):
-            if response.shape not in ((len(record),) * (len(channels) == 1), (len(record), len(channels))):
-                raise InputError(
-                    "NARX.fit",
-                    f"a response of shape {response.shape}",
-                    f"({len(record)}, {len(channels)}) as its excitation",
-                )
-            if not np.isfinite(response).all():
-                came = f"a response with {np.count_nonzero(~np.isfinite(response))} values that are not finite"
-                raise InputError(
-                    "NARX.fit", came, "finite numbers", "Cut or repair the measurement before handing it over."
-                )
-            values[row, : len(record)] = response.reshape(len(record), -1)
-        nothing = Design(np.zeros((len(records), 0)), ParameterSpace())
-        status = np.full(len(records), Status.DONE)
-        runs = Runs(nothing, records, channels, InMemory(values), status, np.arange(len(records)))
-        return NARXFit(self, runs, progress, fewest=1).pc_narx(PCE(degree=0))
+NARX_KEYS = {
+    "terms": tuple[str, ...] | dict[str, tuple[str, ...]],
+    "memories": tuple[str, ...],
+    "training": Literal["joint", "per-experiment"],
+    "selection": Literal["lars", "orthogonal"],
+    "most_terms": int,
+    "degree": int | tuple[int, ...],
+    "horizons": tuple[int, ...],
+    "steps": int,
+    "held_out": float,
+    "washout": Annotated[Seconds, Field(ge=0)],
+}
+"""Keys of a study file that every NARX understands, and their types; `NARXSettings` says what they mean."""

@@ -1,4 +1,7 @@
-"""From runs to a NARX structure: signals, scales, training data, first coefficients, and which terms to keep."""
+"""From runs to a NARX structure: signals, scales, training data, first coefficients, and which terms to keep.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
@@ -8,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from structid.channels import base_channel
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
-from structid.histories import base_channel
 from structid.models.face import Progress
 from structid.runs import Runs
+from structid.surrogates.array_module import namespace
 from structid.surrogates.chaos.lars import least_angle_order, orthogonal_order
-from structid.surrogates.chaos.polynomials import namespace
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import (
     Memory,

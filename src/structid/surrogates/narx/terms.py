@@ -1,4 +1,7 @@
-"""Terms of a NARX model: readable products of past inputs, outputs and memories, and generators of them."""
+"""Terms of a NARX model: readable products of past inputs, outputs and memories, and generators of them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -5,6 +5,8 @@ free-running they are not, but the sensitivities J_k = ∂y_k/∂ϑ_k come from 
 Gauss–Newton step has the shape of the joint regression, with sensitivities in the place of regressors:
 
     Σ_k w_k (J_kᵀJ_k ⊗ ψ_kψ_kᵀ) vec ΔA = Σ_k w_k (J_kᵀr_k ⊗ ψ_k)
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
 """
 
 from __future__ import annotations

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.models.face import Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.space import Design
 from structid.runs import Runs
-from structid.surrogates.chaos.pce import PCE, ChaosExpansion
-from structid.surrogates.chaos.polynomials import PolynomialBasis, multi_indices
-from structid.surrogates.face import (
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.chaos.multi_indices import multi_indices
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
+from structid.surrogates.fit import (
     FEWEST_RUNS,
     Fit,
     Stopwatch,
@@ -24,8 +23,9 @@ from structid.surrogates.face import (
     fitting_runs,
     run_digests,
 )
-from structid.surrogates.kriging.predictor import Kriging
+from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
+from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.structure import (
     FIRST_SHAPES,
     Experiments,
@@ -39,9 +39,6 @@ from structid.surrogates.narx.structure import (
 )
 from structid.surrogates.narx.training import FreeRun, TrainingSet, refined_coefficients, robust_loss, train_free_run
 from structid.surrogates.progress import Stages
-
-if TYPE_CHECKING:
-    from structid.surrogates.narx.settings import NARXSettings
 
 TRAINING_BOUND = 2.0
 """While training, outputs are kept within so many times the largest one seen."""
@@ -63,57 +60,6 @@ HORIZON_STEPS = 4
 
 STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
 """Stages of a fit, and their share of its time."""
-
-
-def held_out_rows(runs: int, share: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Choose the runs that are held out.
-
-    Parameters
-    ----------
-    runs : int
-        How many there are.
-    share : float
-        Share of them that is held out.
-    seed : int
-        Of the choice.
-
-    Returns
-    -------
-    tuple of ndarray of int
-        Rows to fit to, and rows held out.
-    """
-    count = round(share * runs)
-    order = np.random.default_rng(seed).permutation(runs)
-    return np.sort(order[count:]), np.sort(order[:count])
-
-
-def check_terms_of_chaos(kind: str, space: ParameterSpace, degree: int, runs: int) -> None:
-    """Check that runs determine coefficients that are chaos expansions of a degree.
-
-    Parameters
-    ----------
-    kind : str
-        The surrogate, for the message.
-    space : ParameterSpace
-        The parameters.
-    degree : int
-        Of the expansions.
-    runs : int
-        Runs they are fitted to.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two for each chaos term.
-    """
-    terms = math.comb(space.dimension + degree, degree)
-    if terms > max(runs // 2, 1):
-        raise InputError(
-            f"{kind}.fit",
-            f"{runs} runs (those held out apart) for coefficients of {terms} chaos terms (degree {degree})",
-            f"{2 * terms} runs or more",
-            "Lower the degree.",
-        )
 
 
 class NARXFit:
@@ -205,7 +151,7 @@ class NARXFit:
         return self._surrogate(self._with_deviation(trend, refined - start, kriging))
 
     def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
-        """Coefficients of each experiment by ordinary least squares, interpolated: the published way."""
+        """Coefficients of each experiment by ordinary least squares, interpolated: the way of the thesis (docs/bibliography.md)."""
         data = self.data[self.fitted]
         vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
         equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)

@@ -1,0 +1,191 @@
+"""Entries of the journals of a campaign: its design with what all runs share, and the runs that have ended."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.campaign.run_file import Header, Row, record_from_plain
+from structid.errors import InputError
+from structid.journal import Journal
+from structid.probability.space import ParameterSpace
+from structid.runs import InMemory
+from structid.solvers.protocol import Outcome
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run that has ended and is to be stored.
+
+    Parameters
+    ----------
+    key : str
+        Identifies its point and record.
+    outcome : Outcome
+        Its result.
+    attempts : int
+        Number of attempts.
+    """
+
+    key: str
+    outcome: Outcome
+    attempts: int
+
+
+def design_entry(
+    header: Header, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Make the journal entry of a design. It holds everything that a reader of the journals alone needs.
+
+    Parameters
+    ----------
+    header : Header
+        What the runs share.
+    keys : sequence of str
+        One for each run.
+    theta : ndarray, shape (run, parameter)
+        Points in SI.
+    record_of_run : ndarray of int, shape (run,)
+        Number of the record of each run.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The entry.
+    """
+    shared = {
+        "space": header.space.to_plain(),
+        "records": [r.to_plain() for r in header.records],
+        "samples": [len(r) for r in header.records],
+        "channels": header.channels,
+    }
+    return {
+        "key": np.array(keys, dtype="S16"),
+        "theta": theta,
+        "record_of_run": record_of_run,
+        "excitation": np.concatenate([r.values for r in header.records]),
+        "told": np.array(json.dumps(shared)),
+    }
+
+
+def read_design(journal: Journal, path: Path) -> tuple[Header, list[str], np.ndarray, np.ndarray]:
+    """Read the newest design of a journal.
+
+    Parameters
+    ----------
+    journal : Journal
+        The journal of the designs.
+    path : Path
+        The store, for the message.
+
+    Returns
+    -------
+    tuple of Header, list of str, ndarray and ndarray
+        What the runs share, their keys, the points (run, parameter), the number of each run's record.
+
+    Raises
+    ------
+    InputError
+        If the journal is empty.
+    """
+    entries = list(journal)
+    if not entries:
+        raise InputError(
+            f"{path}",
+            "its campaign was stopped before its first run",
+            "a store with runs",
+            "Run the campaign again.",
+        )
+    entry = entries[-1]  # a design that has grown has an entry for each of its sizes
+    shared = json.loads(str(entry["told"]))
+    ends = np.cumsum(shared["samples"])
+    parts = np.split(entry["excitation"], ends[:-1])
+    records = tuple(record_from_plain(p, v) for p, v in zip(shared["records"], parts, strict=True))
+    header = Header(journal.identity, ParameterSpace.from_plain(shared["space"]), records, tuple(shared["channels"]))
+    return header, [k.decode() for k in entry["key"]], entry["theta"], entry["record_of_run"].astype(int)
+
+
+def runs_entry(finished: Sequence[Finished], header: Header) -> dict[str, np.ndarray]:
+    """Make the journal entry of runs that have ended: one text and one array, since an array costs as much as 1000 numbers.
+
+    Parameters
+    ----------
+    finished : sequence of Finished
+        Runs that have ended.
+    header : Header
+        What the runs share.
+
+    Returns
+    -------
+    dict of str to ndarray
+        The entry.
+    """
+    values = np.full((len(finished), header.samples, len(header.channels)), np.nan)
+    ended = []
+    for row, run in zip(values, finished, strict=True):
+        o = run.outcome
+        row[: len(o.values)] = o.values
+        reason = printable(o.reason)
+        ended.append([run.key, int(o.status), reason, o.failure_time, o.seconds, run.attempts, time.time()])
+    return {"told": np.array(json.dumps(ended)), "values": values}
+
+
+def rows_of(entry: dict[str, np.ndarray], source: Any) -> dict[str, Row]:
+    """Turn a journal entry into rows.
+
+    Parameters
+    ----------
+    entry : dict of str to ndarray
+        The entry, made by `runs_entry`.
+    source : object or None
+        Where the histories are; see `Row`.
+
+    Returns
+    -------
+    dict of str to Row
+        By key.
+    """
+    rows = {}
+    for position, run in enumerate(json.loads(str(entry["told"]))):
+        key, status, reason, failure_time, seconds, attempts, finished = run
+        rows[key] = Row(key, status, reason, failure_time, seconds, attempts, finished, source, position)
+    return rows
+
+
+def journalled_rows(journal: Journal) -> Iterator[dict[str, Row]]:
+    """Read the rows of each entry of a journal, with the histories in memory.
+
+    Parameters
+    ----------
+    journal : Journal
+        The journal of the runs.
+
+    Yields
+    ------
+    dict of str to Row
+        Rows of one entry, by key.
+    """
+    for entry in journal:
+        yield rows_of(entry, InMemory(entry["values"]))
+
+
+def printable(text: str) -> str:
+    """Replace characters that a file format may reject, whatever a solver has printed.
+
+    Parameters
+    ----------
+    text : str
+        The message of a solver.
+
+    Returns
+    -------
+    str
+        The same text with unprintable characters replaced; tabs and line ends are kept.
+    """
+    return "".join(c if c.isprintable() or c in "\n\t" else "�" for c in text)

@@ -1,0 +1,150 @@
+"""The folder with the parts of a store: file names, the lock against a second writer, and errors of a full or broken disk."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from structid.errors import InputError, StoreError
+
+
+def parts_of(path: Path) -> Path:
+    """Return the folder of a store's parts.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    Path
+        ``runs.h5.parts`` for ``runs.h5``.
+    """
+    return path.with_name(path.name + ".parts")
+
+
+def segments_of(path: Path) -> list[Path]:
+    """Return the sealed segments of a store, oldest first.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    return sorted(parts_of(path).glob("segment-*.h5"))
+
+
+def next_segment(path: Path) -> Path:
+    """Name the next segment of a store.
+
+    The name is always new, even where a kill has left segments of an earlier campaign.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    Path
+        A file that does not exist yet.
+    """
+    last = max((int(p.stem.partition("-")[2]) for p in segments_of(path)), default=0)
+    return parts_of(path) / f"segment-{last + 1:06d}.h5"
+
+
+def run_files_of(path: Path) -> list[Path]:
+    """Return the HDF5 files of a store that exist: the final file and the segments, oldest first.
+
+    Parameters
+    ----------
+    path : Path
+        The store.
+
+    Returns
+    -------
+    list of Path
+        The files.
+    """
+    return [p for p in (path, *segments_of(path)) if p.exists()]
+
+
+def lock(folder: Path, path: Path) -> int | None:
+    """Lock a folder against a second writer. The system releases the lock when this process ends, in whatever way.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder of the parts.
+    path : Path
+        The store, for the message.
+
+    Returns
+    -------
+    int or None
+        File descriptor of the lock, to be closed; None on a file system without locks.
+
+    Raises
+    ------
+    InputError
+        If another process holds the lock.
+    """
+    # A separate file, open for writing: network file systems lock nothing else.
+    handle = os.open(folder / "lock", os.O_RDWR | os.O_CREAT)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        raise InputError(
+            f"store {path}",
+            "another process is running this campaign",
+            "one writer at a time",
+            "Wait for it, or stop it.",
+        ) from None
+    except OSError:  # a file system without locks
+        os.close(handle)
+        return None
+    try:
+        same = os.path.samestat(os.fstat(handle), (folder / "lock").stat())
+    except FileNotFoundError:
+        same = False
+    if not same:  # the previous owner has just finished and removed the file
+        os.close(handle)
+        folder.mkdir(parents=True, exist_ok=True)
+        return lock(folder, path)
+    return handle
+
+
+@contextlib.contextmanager
+def disk_errors_explained(path: Path) -> Iterator[None]:
+    """Turn an error of the disk into a message that says what it means for the campaign.
+
+    Parameters
+    ----------
+    path : Path
+        The store, for the message.
+
+    Raises
+    ------
+    StoreError
+        If the disk is full, or the store cannot be written.
+    """
+    try:
+        yield
+    except OSError as problem:
+        full = problem.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        what, cure = ("there is no room left", "Free some space") if full else ("it cannot be written", "Repair that")
+        raise StoreError(
+            f"{path}: {what} ({problem.strerror}). Every run that was stored before is safe. {cure} and run the same campaign "
+            "again: it continues from there."
+        ) from problem

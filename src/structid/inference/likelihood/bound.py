@@ -1,0 +1,288 @@
+"""The likelihood of one observation: record, values, nuisances, discrepancy and shortcut in one piece.
+
+Whoever needs a likelihood asks here: the posterior, the misfit, responses that are there already, and the simulated measurements of
+a simulation-based calibration. It is traced inside JAX, or computed on the host for a model that is not a JAX function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.device import jnp
+from structid.errors import Status
+from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.observation import Observation
+from structid.models.face import Map, Model
+from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
+from structid.probability.truncation import Marginal
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a traced likelihood takes of an observation: arguments of the compiled density, not constants in it.
+
+    Parameters
+    ----------
+    excitation : TracedExcitation
+        What drove the structure.
+    values : array, shape (time, channel, measurement or run)
+        What was measured: one measurement for all runs, or each run its own.
+    shortcut : Shortcut or None
+        A shorter way to the likelihood than by the response.
+    """
+
+    excitation: TracedExcitation
+    values: Any
+    shortcut: Shortcut | None
+
+    def for_runs(self, measurement: Any) -> Measured:
+        """Give each run a measurement of its own.
+
+        Parameters
+        ----------
+        measurement : jax.Array of int, shape (run,)
+            Which one.
+
+        Returns
+        -------
+        Measured
+            Of as many measurements as there are runs.
+        """
+        shortcut = None if self.shortcut is None else self.shortcut.for_runs(measurement)
+        return Measured(self.excitation, self.values[:, :, measurement], shortcut)
+
+
+jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", "shortcut"], meta_fields=[])
+
+
+def own_priors(observation: Observation, discrepancy: Discrepancy) -> dict[str, Marginal]:
+    """Priors of what an observation has beside the model's parameters.
+
+    Parameters
+    ----------
+    observation : Observation
+        With its nuisances.
+    discrepancy : Discrepancy
+        With its parameters.
+
+    Returns
+    -------
+    dict of str to Marginal
+        By plain names, the nuisances first.
+    """
+    return observation.nuisances() | discrepancy.parameters(
+        observation.values, observation.channels, observation.record.dt, observation.si_units
+    )
+
+
+class BoundLikelihood:
+    """log L(y | θ) of one observation under one model.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    observation : Observation
+        Record, values and nuisances.
+    discrepancy : Discrepancy
+        The law of the difference between model and measurement.
+    columns : mapping of str to int
+        Column of each of the observation's own parameters in θ, by plain name; see `own_priors`.
+    model_error : bool
+        Whether a surrogate's own variance is added to that of the discrepancy.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        observation: Observation,
+        discrepancy: Discrepancy,
+        columns: Mapping[str, int],
+        model_error: bool = False,
+    ) -> None:
+        self.model, self.observation, self.discrepancy = model, observation, discrepancy
+        self._columns, self._model_error = dict(columns), model_error
+        self.channels, self.dt = observation.channels, observation.record.dt
+        self._places = np.array([model.channels.index(c) for c in observation.channels])
+
+    # --- pieces -------------------------------------------------------------------------------------------------
+
+    def unknowns(self, theta: Any) -> dict[str, Any]:
+        """Nuisances and parameters of the discrepancy.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        dict of str to array (run,)
+            By their plain names.
+        """
+        return {name: theta[:, column] for name, column in self._columns.items()}
+
+    def shown(self, response: Any, theta: Any) -> Any:
+        """Turn a model's response into what the instruments would show, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run)
+            The model's response.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            The measured channels, nuisances applied.
+        """
+        if self.model.channels != self.channels:
+            response = response[:, self._places]
+        return self.observation.transmit(response, self.unknowns(theta))
+
+    def given(self, response: Any, theta: Any, values: Any) -> Any:
+        """Log-likelihood for responses that are there already, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run)
+            The model's response.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        values : array, shape (time, channel, 1 or run)
+            What was measured, the same for all runs or each its own.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density of the residuals.
+        """
+        residual = values - self.shown(response, theta)
+        return self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+
+    def of_squares(self, squares: Any, theta: Any) -> Any:
+        """Log-likelihood for sums of squared residuals, inside JAX; where it asks for no more.
+
+        Parameters
+        ----------
+        squares : array, shape (channel, run)
+            Σ (y − M)² over time.
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density.
+        """
+        samples = len(self.observation.values)
+        return self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
+
+    @property
+    def needs_only_squares(self) -> bool:
+        """Whether discrepancy and instrument ask for no more than a sum of squares."""
+        return self.discrepancy.independent and not self.observation.nuisances()
+
+    # --- inside JAX ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def measured(self) -> Measured:
+        """What the traced likelihood takes of the observation."""
+        return self.measured_as(self.observation.values[:, :, None])
+
+    def measured_as(self, values: np.ndarray) -> Measured:
+        """Put other measurements in the place of the observation's.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel, measurement)
+            One or several.
+
+        Returns
+        -------
+        Measured
+            For `traced`.
+        """
+        model, record = self._traceable, self.observation.record
+        return Measured(model.traced(record), values, model.shortcut(record, values, self.channels))
+
+    def traced(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+        """Log-likelihood and success of every run, inside JAX, by the shortest way.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        parameters : jax.Array, shape (run, free parameter)
+            Those of the model.
+        measured : Measured
+            Record and measurements.
+
+        Returns
+        -------
+        tuple of jax.Array, shape (run,)
+            Log-likelihood, and whether the response is finite.
+        """
+        if self._model_error:
+            return self._with_model_error(theta, parameters, measured)
+        if measured.shortcut is not None and self.needs_only_squares:
+            squares, finite = measured.shortcut.squares(parameters)
+            return self.of_squares(squares, theta), finite
+        response, finite = self._traceable.response(parameters, measured.excitation)
+        return self.given(response, theta, measured.values), finite
+
+    def _with_model_error(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+        """Log-likelihood with the model's own variance added to that of the discrepancy."""
+        unknown = self.unknowns(theta)
+        if self.needs_only_squares and measured.shortcut is not None:
+            variance = self.discrepancy.variances(unknown, self.channels, theta.shape[0], jnp)
+            exact = measured.shortcut.marginal_log_likelihood(parameters, variance)
+            if exact is not None:
+                return exact
+        response, finite = self._traceable.response(parameters, measured.excitation)
+        white, stand_in = 0.0, self.model.stand_in
+        if stand_in is not None:
+            white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
+        residual = measured.values - self.shown(response, theta)
+        return self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white), finite
+
+    @property
+    def _traceable(self) -> TraceableModel:
+        return as_traceable(self.model, "likelihood inside JAX")
+
+    # --- on the host --------------------------------------------------------------------------------------------
+
+    def on_host(
+        self, theta: np.ndarray, parameters: np.ndarray, map: Map | None, values: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-likelihood and failure of every run of a model that is not a JAX function.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            All parameters.
+        parameters : ndarray, shape (run, free parameter)
+            Those of the model.
+        map : callable or None
+            Does several runs at a time, like ``Executor.map``.
+        values : ndarray, shape (time, channel, 1 or run), optional
+            Measurements in the place of the observation's.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log-likelihood, −inf where there is no response to the end; and which runs failed. A run in which the structure failed
+            is none of them: parameters that let it collapse are impossible, and that is an answer.
+        """
+        run = self.model.simulate(parameters, self.observation.record, map=map)
+        response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
+        values = self.observation.values[:, :, None] if values is None else values
+        found = np.asarray(self.given(response, theta, values))
+        return np.where(run.done, found, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)

@@ -1,0 +1,60 @@
+"""A posterior whose model has been run already, such as by a campaign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.inference.likelihood.joint import JointLikelihood
+
+
+class GivenResponses:
+    """A posterior whose model has been run already.
+
+    Parameters
+    ----------
+    likelihood : JointLikelihood
+        With prior, model and measurements.
+    responses : sequence of ndarray, shape (run, time, channel)
+        The model's response to the record of each observation; NaN where it failed.
+    """
+
+    def __init__(self, likelihood: JointLikelihood, responses: Sequence[np.ndarray]) -> None:
+        self._likelihood = likelihood
+        self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
+        self._responses = [np.where(self._finite[:, None, None], r, 0.0).transpose(1, 2, 0) for r in responses]
+        self._squares = [self._sum_of_squares(i) for i in range(len(responses))]
+
+    def _sum_of_squares(self, index: int) -> np.ndarray | None:
+        """Σ (y − M)² (channel, run), where the likelihood sees no more."""
+        bound = self._likelihood.of[index]
+        if not bound.needs_only_squares:
+            return None
+        observation = bound.observation
+        channels = [bound.model.channels.index(c) for c in observation.channels]
+        residual = observation.values[:, :, None] - self._responses[index][:, channels]
+        return np.asarray(np.einsum("tcr,tcr->cr", residual, residual))
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log posterior density.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, a row for each run.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support and where a response is not finite.
+        """
+        theta = self._likelihood.points(theta)
+        total = self._likelihood.space.log_density(theta)
+        for bound, response, squares in zip(self._likelihood.of, self._responses, self._squares, strict=True):
+            if squares is not None:
+                found = bound.of_squares(squares, theta)
+            else:
+                found = bound.given(response, theta, bound.observation.values[:, :, None])
+            total = total + np.asarray(found)
+        return np.where(self._finite & ~np.isnan(total), total, -np.inf)

@@ -1,0 +1,217 @@
+"""The likelihood of all observations that share a model's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.device import jnp
+from structid.errors import InputError
+from structid.inference.likelihood.bound import BoundLikelihood, Measured, own_priors
+from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.observation import Observation
+from structid.models.face import Map, Model, Progress
+from structid.models.traceable import as_traceable
+from structid.probability.space import ParameterSpace
+
+
+class JointLikelihood:
+    """log L(y | θ) = Σ log L(y_i | θ) over observations that share a model's parameters.
+
+    θ are the model's parameters, then nuisances and discrepancy parameters of each observation. Where there are several
+    observations, these are numbered ``_1``, ``_2``, ….
+
+    Parameters
+    ----------
+    model_space : ParameterSpace
+        The model's parameters and their priors.
+    model : Model
+        The model.
+    observations : tuple of Observation
+        What was measured.
+    discrepancy : Discrepancy
+        The law of the difference between model and measurement.
+    map : callable or None
+        Does several runs of an external solver at a time, like ``Executor.map``.
+    model_error : bool
+        Whether a surrogate's own variance is added to that of the discrepancy.
+
+    Attributes
+    ----------
+    space : ParameterSpace
+        All parameters and their priors.
+    of : tuple of BoundLikelihood
+        Of each observation.
+    """
+
+    def __init__(
+        self,
+        model_space: ParameterSpace,
+        model: Model,
+        observations: tuple[Observation, ...],
+        discrepancy: Discrepancy,
+        *,
+        map: Map | None = None,
+        model_error: bool = False,
+    ) -> None:
+        self.model, self.discrepancy, self._map = model, discrepancy, map
+        self._several = len(observations) > 1
+        own = [own_priors(observation, discrepancy) for observation in observations]
+        self.space = model_space.extended(
+            **{self._label(name, index): prior for index, priors in enumerate(own) for name, prior in priors.items()}
+        )
+        names = self.space.names
+        self.of = tuple(
+            BoundLikelihood(
+                model,
+                observation,
+                discrepancy,
+                {name: names.index(self._label(name, index)) for name in own[index]},
+                model_error,
+            )
+            for index, observation in enumerate(observations)
+        )
+
+    def _label(self, name: str, index: int) -> str:
+        return f"{name}_{index + 1}" if self._several else name
+
+    @property
+    def discrepancy_names(self) -> set[str]:
+        """Parameters of the discrepancy, for all observations."""
+        return {
+            self._label(name, index)
+            for index, bound in enumerate(self.of)
+            for name in own_priors(bound.observation, self.discrepancy)
+            if name not in bound.observation.nuisances()
+        }
+
+    def model_parameters(self, theta: Any) -> Any:
+        """Columns of the model's free parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        array, shape (run, free parameter)
+            In the model's order.
+        """
+        return self.space.columns(theta, self.model.free)
+
+    def points(self, theta: np.ndarray) -> np.ndarray:
+        """Check an array of parameters.
+
+        Parameters
+        ----------
+        theta : array-like, shape (run, parameter) or (parameter,)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            The same.
+
+        Raises
+        ------
+        InputError
+            If it has other columns.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if theta.shape[1] != self.space.dimension:
+            raise InputError(
+                "theta",
+                f"an array of shape {theta.shape}",
+                f"(run, {self.space.dimension}) with the columns {', '.join(self.space.names)}",
+            )
+        return theta
+
+    @cached_property
+    def measured(self) -> tuple[Measured, ...]:
+        """What the density inside JAX takes of each observation."""
+        return tuple(bound.measured for bound in self.of)
+
+    def traced(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+        """Log-likelihood and success of every run, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in SI.
+        data : sequence of Measured
+            Of each observation: `measured`, or other measurements.
+
+        Returns
+        -------
+        tuple of jax.Array, shape (run,)
+            Log-likelihood, and whether it is finite.
+        """
+        total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
+        parameters = self.model_parameters(theta)
+        for bound, own in zip(self.of, data, strict=True):
+            more, good = bound.traced(theta, parameters, own)
+            total, finite = total + more, finite & good
+        return total, finite & jnp.isfinite(total)
+
+    @property
+    def loops_over_time(self) -> bool:
+        """Whether it is a loop over time inside JAX, which XLA runs on one core."""
+        return as_traceable(self.model, "likelihood inside JAX").loops or not self.discrepancy.independent
+
+    def on_host(
+        self, theta: np.ndarray, inside: np.ndarray, values: Sequence[np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-likelihood and failure of every run of a model that is not a JAX function.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        inside : ndarray of bool, shape (run,)
+            Runs to be done: those inside the support of the prior.
+        values : sequence of ndarray, shape (time, channel, run), optional
+            Measurements of each observation in the place of its own, each run its own.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log-likelihood, −inf where it cannot be had; and which runs failed.
+        """
+        likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
+        rows = np.flatnonzero(inside)
+        if rows.size == 0:
+            return likelihood, failed
+        parameters = np.asarray(self.model_parameters(theta[rows]))
+        total = np.zeros(rows.size)
+        for index, bound in enumerate(self.of):
+            own = None if values is None else values[index][:, :, rows]
+            more, bad = bound.on_host(theta[rows], parameters, self._map, own)
+            total, failed[rows] = total + more, failed[rows] | bad
+        likelihood[rows] = total
+        return likelihood, failed
+
+    def predict(self, theta: np.ndarray, index: int, progress: Progress | None = None) -> np.ndarray:
+        """Prediction of one observation, instrument included, without discrepancy.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        index : int
+            Which observation.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN where a run failed.
+        """
+        theta, bound = self.points(theta), self.of[index]
+        parameters = np.asarray(self.model_parameters(theta))
+        run = self.model.simulate(parameters, bound.observation.record, progress=progress, map=self._map)
+        return np.asarray(bound.shown(run.values.transpose(1, 2, 0), theta)).transpose(2, 0, 1)

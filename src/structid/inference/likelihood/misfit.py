@@ -1,0 +1,156 @@
+"""The deterministic misfit J(θ), its gradient, and the Gauss-Newton approximation of its Hessian.
+
+Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.device import jnp, over_runs
+from structid.inference.likelihood.batches import in_batches
+from structid.inference.likelihood.joint import JointLikelihood
+from structid.inference.likelihood.observation import Observation
+from structid.models.traceable import as_traceable
+from structid.probability.space import ParameterSpace
+
+GRADIENT_BATCH = 64
+"""Runs differentiated at once: every parameter is a further history."""
+
+
+class Misfit:
+    """J(θ) = Σ (y − M(θ))² [3.22] over the model's own parameters, nuisances at their prior medians.
+
+    Channels of different units are each divided by Σ y² so that they may be added; with a single channel nothing is divided.
+
+    Parameters
+    ----------
+    model_space : ParameterSpace
+        The model's parameters and their priors.
+    likelihood : JointLikelihood
+        Model and measurements.
+    """
+
+    def __init__(self, model_space: ParameterSpace, likelihood: JointLikelihood) -> None:
+        self.space = model_space
+        self.names = self.space.names
+        self._likelihood = likelihood
+        extra = list(likelihood.space.marginals.values())[self.space.dimension :]
+        self._rest = np.array([float(m.quantile(np.array(0.5))) for m in extra])
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether the model has derivatives."""
+        return self._likelihood.model.traceable
+
+    @cached_property
+    def scale(self) -> float:
+        """Σ y² over every measurement, in the units of J."""
+        return float(sum((o.values**2 * w).sum() for o, w in zip(self._observations, self._weights, strict=True)))
+
+    @property
+    def _observations(self) -> list[Observation]:
+        return [bound.observation for bound in self._likelihood.of]
+
+    @cached_property
+    def _weights(self) -> list[np.ndarray]:
+        observations = self._observations
+        if all(len(o.channels) == 1 for o in observations) and len({o.channels for o in observations}) == 1:
+            return [np.ones(1) for _ in observations]
+        return [1.0 / (o.values**2).sum(axis=0) for o in observations]
+
+    def _with_rest(self, theta: Any) -> Any:
+        """All parameters of the posterior, inside JAX: the model's, and the others as they are held."""
+        return jnp.concatenate([theta, jnp.broadcast_to(self._rest, (theta.shape[0], self._rest.size))], axis=1)
+
+    def _residuals(self, theta: Any, data: Any) -> Any:
+        """All weighted residuals of every run, (residual, run)."""
+        likelihood, model = self._likelihood, as_traceable(self._likelihood.model, "misfit")
+        full, parts = self._with_rest(theta), []
+        for bound, measured, weights in zip(likelihood.of, data, self._weights, strict=True):
+            response, _ = model.response(likelihood.model_parameters(full), measured.excitation)
+            residual = (measured.values - bound.shown(response, full)) * np.sqrt(weights)[:, None]
+            parts.append(residual.reshape(-1, theta.shape[0]))
+        return jnp.concatenate(parts)
+
+    def _by_squares(self, theta: Any, data: Any) -> Any:
+        """J(θ) of a model that has a shorter way to it than the residuals, shape (run,); None where there is none."""
+        if any(measured.shortcut is None for measured in data) or any(o.nuisances() for o in self._observations):
+            return None
+        parameters = self._likelihood.model_parameters(self._with_rest(theta))
+        total = jnp.zeros(theta.shape[0])
+        for measured, weights in zip(data, self._weights, strict=True):
+            squares, finite = measured.shortcut.squares(parameters)
+            total = total + jnp.where(finite, weights @ squares, jnp.inf)
+        return total
+
+    @cached_property
+    def _compiled(self) -> dict[str, Callable[..., Any]]:
+        def value(theta: Any, data: Any) -> Any:
+            short = self._by_squares(theta, data)
+            return (self._residuals(theta, data) ** 2).sum(axis=0) if short is None else short
+
+        def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
+            # Forward mode: few parameters, long histories. One tangent a parameter, all runs at once.
+            def pushed(direction: Any) -> Any:
+                tangent = jnp.broadcast_to(direction, theta.shape)
+                return jax.jvp(lambda t: self._residuals(t, data), (theta,), (tangent,))
+
+            residual, jacobian = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(theta.shape[1]))
+            gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
+            return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
+
+        return {"value": over_runs(lambda theta, data: (value(theta, data),)), "linearised": over_runs(linearised)}
+
+    def __call__(self, theta: np.ndarray) -> np.ndarray:
+        """Misfit.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The model's parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            J; +inf where the simulation failed.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if self.differentiable:
+            (value,) = in_batches(self._compiled["value"], theta, self._likelihood.measured)
+        else:
+            full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
+            value = sum(
+                (((o.values - self._likelihood.predict(full, i)) ** 2) * self._weights[i]).sum(axis=(1, 2))
+                for i, o in enumerate(self._observations)
+            )
+        return np.where(np.isfinite(value), value, np.inf)
+
+    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Misfit, its exact gradient, and the Gauss-Newton approximation of its Hessian.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The model's parameters in SI.
+
+        Returns
+        -------
+        tuple of ndarray
+            J (run,), ∇J (run, parameter), 2 JᵀJ (run, parameter, parameter).
+
+        Raises
+        ------
+        InputError
+            If the model is not one of structid's own and has no derivatives.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        as_traceable(self._likelihood.model, "misfit gradient", cure="Use pattern search, which needs none.")
+        compiled = self._compiled["linearised"]
+        value, gradient, hessian = in_batches(compiled, theta, self._likelihood.measured, GRADIENT_BATCH)
+        return value, gradient, hessian

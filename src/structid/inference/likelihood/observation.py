@@ -1,0 +1,241 @@
+"""What was measured: the record that drove the structure, the values, the instrument's nuisances."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.channels import ChannelUnit, declared_unit, standard_unit
+from structid.errors import InputError, check_choice
+from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.readers import read_columns
+from structid.journal import digest
+from structid.probability.truncation import Marginal
+
+NUISANCES = ("gain", "offset", "time_shift")
+"""What an instrument may add of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A measured response: what drove the structure, and what was recorded.
+
+    The measurement is taken to be gain · M(θ)(t − time_shift) + offset + ε. Each nuisance is left out (1, 0, 0) unless it is given
+    a prior.
+
+    Parameters
+    ----------
+    record : Excitation
+        What drove it.
+    values : array-like, shape (time,) or (time, channel)
+        The measurement in SI, at the record's samples.
+    channels : sequence of str
+        What was measured.
+    dt : float, optional
+        Its time step [s], to be checked against the record's.
+    name : str
+        What to call it.
+    units : mapping of str to str, optional
+        What tables and figures show a channel in whose name is not a standard one.
+    gain, offset, time_shift : Marginal, optional
+        Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
+
+    Raises
+    ------
+    InputError
+        If length or step differ from the record's, or a value is not finite.
+    """
+
+    record: Excitation
+    values: np.ndarray
+    channels: tuple[str, ...] = ("velocity",)
+    dt: float | None = None
+    name: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    gain: Marginal | None = None
+    offset: Marginal | None = None
+    time_shift: Marginal | None = None
+
+    def __post_init__(self) -> None:
+        where = f"observation '{self.name}'" if self.name else "observation"
+        if not isinstance(self.record, Excitation):
+            raise InputError(
+                f"{where}: record",
+                f"{type(self.record).__name__}",
+                "a GroundMotion, ForceHistory or DisplacementHistory",
+            )
+        channels = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
+        values = np.array(self.values, dtype=np.float64)
+        values = values[:, None] if values.ndim == 1 else values
+        if values.ndim != 2 or values.shape[1] != len(channels):
+            raise InputError(
+                where,
+                f"an array of shape {np.shape(self.values)}",
+                f"(time, {len(channels)}) for the channels {', '.join(channels)}",
+            )
+        if len(values) != len(self.record):
+            raise InputError(
+                where,
+                f"{len(values)} samples, and the record has {len(self.record)}",
+                "as many samples as the record",
+                "Trim or resample the one to the other.",
+            )
+        if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > 1e-6:
+            raise InputError(
+                where,
+                f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s",
+                "the record's time step",
+                "Resample the one to the other.",
+            )
+        if not np.isfinite(values).all():
+            raise InputError(
+                where,
+                f"{np.count_nonzero(~np.isfinite(values))} values that are not finite",
+                "finite numbers",
+            )
+        for channel, unit in self.units.items():
+            check_choice(f"{where}: units", channel, channels)
+            declared_unit(channel, unit)
+        values.setflags(write=False)
+        object.__setattr__(self, "values", values)
+        object.__setattr__(self, "channels", channels)
+
+    @classmethod
+    def read(
+        cls,
+        record: Excitation,
+        path: str | os.PathLike[str],
+        unit: str,
+        channel: str = "velocity",
+        column: int | None = None,
+        dt: float | None = None,
+        **nuisances: Marginal,
+    ) -> Observation:
+        """Read a measured history from text columns.
+
+        Parameters
+        ----------
+        record : Excitation
+            What drove the structure.
+        path : path-like
+            Text or CSV with a time and a value column, or values alone with `dt`.
+        unit : str
+            Unit of the values.
+        channel : str
+            What was measured.
+        column : int, optional
+            Column of the values, counted from 0.
+        dt : float, optional
+            Time step [s] of a file without times.
+        **nuisances : Marginal
+            Priors of gain, offset, time_shift.
+
+        Returns
+        -------
+        Observation
+            The measurement.
+        """
+        values, step = read_columns(path, unit, dt, column, standard_unit(channel).si or None, from_zero=True)
+        units = {} if standard_unit(channel).si else {channel: unit}
+        return cls(record, values, (channel,), step, str(path), units, **nuisances)
+
+    def channel_unit(self, channel: str) -> ChannelUnit:
+        """Units of a channel: as declared, or as its standard name has them.
+
+        Parameters
+        ----------
+        channel : str
+            One that was measured.
+
+        Returns
+        -------
+        ChannelUnit
+            SI unit and display unit.
+        """
+        return declared_unit(channel, self.units[channel]) if channel in self.units else standard_unit(channel)
+
+    @property
+    def si_units(self) -> tuple[str, ...]:
+        """SI unit of each channel, empty where the dimension is not known."""
+        return tuple(self.channel_unit(channel).si for channel in self.channels)
+
+    def nuisances(self) -> dict[str, Marginal]:
+        """Unknown nuisances and their priors.
+
+        Returns
+        -------
+        dict of str to Marginal
+            ``gain`` and ``offset`` once a channel, ``time_shift`` once.
+        """
+        priors: dict[str, Marginal] = {}
+        for kind in ("gain", "offset"):
+            prior = getattr(self, kind)
+            if prior is not None:
+                priors.update({self._name(kind, c): prior for c in self.channels})
+        if self.time_shift is not None:
+            priors["time_shift"] = self.time_shift
+        return priors
+
+    def _name(self, kind: str, channel: str) -> str:
+        return kind if len(self.channels) == 1 else f"{kind}_{channel}"
+
+    def transmit(self, response: Any, unknown: Mapping[str, Any]) -> Any:
+        """Turn a model's response into what the instrument would show, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, channel, run)
+            The model's response.
+        unknown : mapping of str to jax.Array (run,)
+            The nuisances.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            gain · M(t − time_shift) + offset.
+        """
+        from structid.device import jnp
+
+        if self.time_shift is not None:
+            response = _shifted(response, unknown["time_shift"] / self.record.dt)
+        if self.gain is not None:
+            response = response * jnp.stack([unknown[self._name("gain", c)] for c in self.channels])
+        if self.offset is not None:
+            response = response + jnp.stack([unknown[self._name("offset", c)] for c in self.channels])
+        return response
+
+    def describe(self) -> dict[str, Any]:
+        """Return everything a posterior depends on, for hashes.
+
+        Returns
+        -------
+        dict
+            Hashes of record and values, channels and nuisances.
+        """
+        return {
+            "record": self.record.content_hash,
+            "values": digest(self.values),
+            "channels": list(self.channels),
+            "nuisances": {k: v.describe() for k, v in self.nuisances().items()},
+        }
+
+
+def _shifted(response: Any, samples: Any) -> Any:
+    """M(t − τ) by cubic (Catmull-Rom) interpolation; the ends are held."""
+    from structid.device import jnp
+
+    last = response.shape[0] - 1
+    position = jnp.arange(response.shape[0])[:, None] - samples[None, :]
+    base = jnp.floor(position)
+    f = (position - base)[:, None, :]
+
+    def at(offset: int) -> Any:
+        rows = jnp.clip(base.astype(int) + offset, 0, last)
+        return jnp.take_along_axis(response, rows[:, None, :], axis=0)
+
+    p0, p1, p2, p3 = at(-1), at(0), at(1), at(2)
+    return p1 + 0.5 * f * (p2 - p0 + f * (2 * p0 - 5 * p1 + 4 * p2 - p3 + f * (3 * (p1 - p2) + p3 - p0)))

@@ -1,0 +1,197 @@
+"""A second-order system of masses on hysteretic springs: its state, its rate of change, and what may be recorded of it."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
+
+State = dict[str, Any]
+"""``u``, ``v``, ``z`` and, where somebody needs them, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
+
+
+class HystereticSystem(ABC):
+    """u″ = a(u, u′, z, x) for masses, z′ = law(d′, z, e_h) for springs of deformation d, under a signal x.
+
+    Each spring belongs to a mass, and has the energies per mass
+
+        e_h′ = (1 − α) k/m z d′,     e_e′ = α k/m d d′                                       [3.14, 3.15]
+
+    of which only those are integrated that the law or a recorded channel needs.
+
+    Parameters
+    ----------
+    law : Law
+        Of the springs.
+    mass : float or array
+        m [kg].
+    stiffness : float or array
+        Initial stiffness k of the springs [N/m].
+    kind : str
+        How the signal acts, `Excitation.kind`.
+    recorded : set of str
+        Channels that are asked for, without numbers of storeys.
+    """
+
+    def __init__(self, law: Law, mass: Any, stiffness: Any, kind: str, recorded: set[str]) -> None:
+        self.law, self.mass, self.kind = law, mass, kind
+        # What does not change in time is multiplied out once, not at every stage of every step.
+        per_mass = stiffness / mass
+        self.elastic = law.alpha * per_mass
+        self.hysteretic = (1.0 - law.alpha) * per_mass
+        self.needs_hysteretic_energy = degrades(law) or bool(recorded & {"hysteretic_energy", "absorbed_energy"})
+        self.needs_elastic_energy = bool(recorded & {"elastic_energy", "absorbed_energy"})
+
+    @abstractmethod
+    def deformation(self, motion: Any) -> Any:
+        """Deformation of every spring, or its rate, from the motion of the masses.
+
+        Parameters
+        ----------
+        motion : array
+            Displacements or velocities of the masses.
+
+        Returns
+        -------
+        array
+            Of the springs.
+        """
+
+    @abstractmethod
+    def spring_force(self, deformation: Any, z: Any) -> Any:
+        """Restoring force k [α d + (1 − α) z] of every spring [N].
+
+        Parameters
+        ----------
+        deformation, z : array
+            d and z [m].
+
+        Returns
+        -------
+        array
+            The force.
+        """
+
+    @abstractmethod
+    def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
+        """Acceleration u″ of the masses, relative to the base.
+
+        Parameters
+        ----------
+        u, v, z : array
+            Displacements, velocities, hysteretic displacements.
+        signal : array
+            Value of the excitation.
+
+        Returns
+        -------
+        array
+            [m/s²].
+        """
+
+    def kinematics(self, state: State, signal: Any) -> tuple[Any, Any]:
+        """Displacements and velocities of the masses.
+
+        Parameters
+        ----------
+        state : dict
+            The state.
+        signal : array
+            Value of the excitation, which may impose them.
+
+        Returns
+        -------
+        tuple of array
+            u [m] and u′ [m/s].
+        """
+        return state["u"], state["v"]
+
+    def with_energies(self, state: State, zero: Any) -> State:
+        """Add the energies that are needed to an initial state.
+
+        Parameters
+        ----------
+        state : dict
+            Without energies.
+        zero : array
+            Their initial values.
+
+        Returns
+        -------
+        dict
+            The whole state.
+        """
+        if self.needs_hysteretic_energy:
+            state["e_h"] = zero
+        if self.needs_elastic_energy:
+            state["e_e"] = zero
+        return state
+
+    def rate(self, state: State, signal: Any) -> State:
+        """Derivative of every part of the state.
+
+        Parameters
+        ----------
+        state : dict
+            The state.
+        signal : array
+            Value of the excitation.
+
+        Returns
+        -------
+        dict
+            By the same names.
+        """
+        u, v = self.kinematics(state, signal)
+        z, deformation_rate = state["z"], self.deformation(v)
+        slope = {"z": hysteretic_rate(deformation_rate, z, state.get("e_h"), self.law)}
+        if "u" in state:
+            slope["u"], slope["v"] = v, self.acceleration(u, v, z, signal)
+        if self.needs_hysteretic_energy:
+            slope["e_h"] = self.hysteretic * z * deformation_rate  # [3.14]
+        if self.needs_elastic_energy:
+            slope["e_e"] = self.elastic * self.deformation(u) * deformation_rate  # [3.15]
+        return slope
+
+    def channel(self, name: str, state: State, signal: Any) -> Any:
+        """Value of one channel.
+
+        Parameters
+        ----------
+        name : str
+            Without the number of a storey.
+        state : dict
+            The state.
+        signal : array
+            Value of the excitation.
+
+        Returns
+        -------
+        array
+            In SI.
+        """
+        u, v = self.kinematics(state, signal)
+        z = state["z"]
+        match name:
+            case "displacement":
+                return u
+            case "velocity":
+                return v
+            case "relative_acceleration":
+                return self.acceleration(u, v, z, signal)
+            case "absolute_acceleration":
+                moving_base = signal if self.kind == "ground_motion" else 0.0
+                return self.acceleration(u, v, z, signal) + moving_base
+            case "drift":
+                return self.deformation(u)
+            case "restoring_force":
+                return self.spring_force(self.deformation(u), z)
+            case "hysteretic_displacement":
+                return z
+            case "hysteretic_energy":
+                return self.mass * state["e_h"]
+            case "elastic_energy":
+                return self.mass * state["e_e"]
+            case _:
+                return self.mass * (state["e_h"] + state["e_e"])

@@ -1,0 +1,31 @@
+"""The Bouc-Wen benchmark of nonlinear system identification, in the parameters of this package."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def benchmark_parameters(k: Any, alpha: Any, beta: Any, gamma: Any, delta: Any, nu: Any) -> dict[str, Any]:
+    """Parameters of this family for the Bouc-Wen benchmark of nonlinear system identification (Noël & Schoukens 2016).
+
+    The benchmark's m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β (γ |ẏ| |z|^(ν−1) z + δ ẏ |z|^ν) is the oscillator with
+    k_i = k + α, α′ = k/k_i, z′ = z/α, β′ = β γ α^(ν−1), γ′ = β δ α^(ν−1); m and c are the same.
+
+    Parameters
+    ----------
+    k, alpha, beta, gamma, delta, nu : float or array
+        The benchmark's parameters.
+
+    Returns
+    -------
+    dict of str to float or array
+        ``stiffness``, ``alpha``, ``beta``, ``gamma`` and ``exponent`` of `BoucWen`.
+    """
+    shape = beta * alpha ** (nu - 1.0)
+    return {
+        "stiffness": k + alpha,
+        "alpha": k / (k + alpha),
+        "beta": shape * gamma,
+        "gamma": shape * delta,
+        "exponent": nu,
+    }

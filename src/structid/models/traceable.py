@@ -1,0 +1,308 @@
+"""A model whose response is a JAX function: batches over the cores, exact derivatives."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Self, cast
+
+import jax
+import numpy as np
+
+from structid.device import over_runs
+from structid.errors import InputError, Status
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.models.face import LARGEST_BATCH, Map, Model, Progress
+
+
+@dataclass(frozen=True)
+class TracedExcitation:
+    """An excitation inside JAX: what a compiled response depends on, and its values as traced arrays.
+
+    The first part is static: another kind, step or length compiles anew. The values are an argument of the compiled function. A
+    model is given this and not the `Excitation`, so that it cannot keep the values of the record it was first compiled for.
+
+    Parameters
+    ----------
+    kind : str
+        How it acts, `Excitation.kind`.
+    dt : float
+        Time step [s].
+    samples : int
+        Its length.
+    lead_in_periods : int
+        Periods run and dropped first.
+    interpolation : {"linear", "periodic"}
+        What goes on between samples.
+    identity : str
+        Hash of the whole excitation, for a model that knows its own records alone; empty for others.
+    stages : jax.Array, shape (time − 1 + lead-in samples, substeps, 3)
+        Values at the start, middle and end of every integration step, from `Excitation.stage_values`.
+    """
+
+    kind: str
+    dt: float
+    samples: int
+    lead_in_periods: int
+    interpolation: str
+    identity: str
+    stages: Any
+
+    @classmethod
+    def of(cls, excitation: Excitation, substeps: int, identified: bool = False) -> TracedExcitation:
+        """Take an excitation apart.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            The excitation.
+        substeps : int
+            Integration steps per sample.
+        identified : bool
+            Whether its hash is a part of what is compiled.
+
+        Returns
+        -------
+        TracedExcitation
+            Its two parts.
+        """
+        return cls(
+            excitation.kind,
+            excitation.dt,
+            len(excitation),
+            excitation.lead_in_periods,
+            excitation.interpolation,
+            excitation.content_hash if identified else "",
+            excitation.stage_values(substeps),
+        )
+
+    @property
+    def dropped_samples(self) -> int:
+        """Samples of the lead-in, which a response leaves out."""
+        return self.lead_in_periods * self.samples
+
+
+jax.tree_util.register_dataclass(
+    TracedExcitation,
+    data_fields=["stages"],
+    meta_fields=["kind", "dt", "samples", "lead_in_periods", "interpolation", "identity"],
+)
+
+
+class Shortcut(ABC):
+    """A shorter way from parameters to what a likelihood needs of one measurement or several, than by the response.
+
+    A JAX tree: its arrays are arguments of the compiled density.
+    """
+
+    @abstractmethod
+    def for_runs(self, measurement: Any) -> Self:
+        """Give each run a measurement of its own.
+
+        Parameters
+        ----------
+        measurement : jax.Array of int, shape (run,)
+            Which one.
+
+        Returns
+        -------
+        Shortcut
+            Of as many measurements as there are runs.
+        """
+
+    @abstractmethod
+    def squares(self, theta: Any) -> tuple[Any, Any]:
+        """Sum over time of (measured − response)², inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of the model's `free`.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Sums (channel, run) and whether they are finite (run,).
+        """
+
+    @abstractmethod
+    def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
+        """Log density of the measurement with independent errors, the model's own error integrated out, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of the model's `free`.
+        variance : jax.Array, shape (channel, run)
+            Of the independent errors.
+
+        Returns
+        -------
+        tuple of jax.Array, or None
+            Log density and whether it is finite (run,); None for a model that does not know the law of its error.
+        """
+
+
+class TraceableModel(Model):
+    """A model whose response is a pure JAX function of many runs.
+
+    Inside JAX histories are [time, channel, run], as the scan over time makes them and as vector units like them; `simulate`
+    turns them into [run, time, channel].
+
+    Attributes
+    ----------
+    loops : bool
+        Whether a response is a loop over time, which XLA runs on one core, so that batches are shared out over the cores.
+    own_records : bool
+        Whether it knows the response to certain records alone, as a surrogate may.
+    substeps : int
+        Integration steps per sample.
+    """
+
+    traceable: ClassVar[bool] = True
+    batched: ClassVar[bool] = True
+    loops: ClassVar[bool] = True
+    own_records: ClassVar[bool] = False
+    substeps: int
+
+    @abstractmethod
+    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+        """Respond inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            From `traced`.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, channel, run), and whether the state stayed finite to the end (run,).
+        """
+
+    def traced(self, excitation: Excitation) -> TracedExcitation:
+        """Prepare an excitation for `response`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        TracedExcitation
+            With the values that this model's integration needs.
+        """
+        return TracedExcitation.of(excitation, self.substeps, self.own_records)
+
+    def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> Shortcut | None:
+        """Give a shorter way to the likelihood of measurements, for a model that has one.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives the model.
+        values : ndarray, shape (time, channel, measurement)
+            The measurements.
+        channels : tuple of str
+            Their channels.
+
+        Returns
+        -------
+        Shortcut or None
+            None where there is no shorter way than the response.
+        """
+        return None
+
+    def run(
+        self,
+        theta: np.ndarray,
+        excitation: Excitation,
+        progress: Progress | None = None,
+        map: Map | None = None,
+    ) -> Histories:
+        """Run rows of parameters in batches, spread over the machine's cores.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+        map : callable, optional
+            Not used.
+
+        Returns
+        -------
+        Histories
+            ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
+            has its time of failure, and NaN from there on.
+        """
+        traced, parts = self.traced(excitation), []
+        for start in range(0, len(theta), LARGEST_BATCH):
+            parts.append(self._compiled_response(theta[start : start + LARGEST_BATCH], traced))
+            if progress is not None:
+                progress(min(start + LARGEST_BATCH, len(theta)), len(theta))
+        # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
+        values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
+        finite = _joined([p[1] for p in parts])
+        return _with_status(values, finite, excitation, self.channels)
+
+    @cached_property
+    def _compiled_response(self) -> Callable[..., Any]:
+        return over_runs(self.response, run_axes=(2, 0))
+
+
+def as_traceable(
+    model: Model, where: str, allowed: str = "a built-in model or a surrogate", cure: str = ""
+) -> TraceableModel:
+    """Return a model that says it is traceable as one; refuse any other.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    where : str
+        What needs derivatives, for the message.
+    allowed, cure : str
+        What would do, and what to do about it.
+
+    Returns
+    -------
+    TraceableModel
+        The same model.
+
+    Raises
+    ------
+    InputError
+        If the model has no derivatives.
+    """
+    if not model.traceable:
+        raise InputError(where, f"a {type(model).__name__}, which has no derivatives", allowed, cure)
+    return cast(TraceableModel, model)
+
+
+def _joined(parts: list[np.ndarray]) -> np.ndarray:
+    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+
+def _with_status(
+    values: np.ndarray, finite: np.ndarray, excitation: Excitation, channels: tuple[str, ...]
+) -> Histories:
+    """Mark the runs whose state left the finite range, and blank what comes after."""
+    time = np.full(len(values), np.nan)
+    for run in np.flatnonzero(~finite):
+        good = np.isfinite(values[run]).all(axis=1)
+        first_bad = len(good) if good.all() else int(np.argmin(good))
+        values[run, first_bad:] = np.nan
+        time[run] = min(first_bad, len(good) - 1) * excitation.dt
+    status = np.where(finite, Status.DONE, Status.DIVERGED)
+    reasons = tuple("" if good else f"not finite from {t:g} s on" for good, t in zip(finite, time, strict=True))
+    return Histories(values, excitation.dt, channels, status, time, excitation.name, reasons)

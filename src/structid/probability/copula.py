@@ -1,0 +1,125 @@
+"""The Gaussian copula: correlation between parameters of any marginal distributions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import scipy.special
+
+from structid.errors import InputError, suggestion
+
+
+def correlation_matrix(
+    given: Mapping[tuple[str, str], float] | np.ndarray | None, names: Sequence[str]
+) -> np.ndarray | None:
+    """Build and check the correlation matrix of a Gaussian copula.
+
+    Parameters
+    ----------
+    given : mapping of pair of str to float, or ndarray (parameter, parameter), or None
+        Correlations of pairs of parameters, or the whole matrix.
+    names : sequence of str
+        Names of the parameters.
+
+    Returns
+    -------
+    ndarray, shape (parameter, parameter), or None
+        The matrix; None for independent parameters.
+
+    Raises
+    ------
+    InputError
+        If a name is unknown, or the matrix is not a positive definite correlation matrix.
+    """
+    if given is None or len(names) == 0:
+        return None
+    matrix = _of_pairs(given, names) if isinstance(given, Mapping) else np.array(given, dtype=np.float64)
+    shape = (len(names), len(names))
+    if matrix.shape != shape or not np.allclose(matrix, matrix.T) or not np.allclose(np.diag(matrix), 1.0):
+        raise InputError(
+            "correlation",
+            f"an array of shape {matrix.shape}",
+            f"a symmetric {shape} matrix with ones on its diagonal",
+        )
+    if np.linalg.eigvalsh(matrix).min() <= 1e-10:
+        raise InputError(
+            "correlation",
+            f"a matrix whose smallest eigenvalue is {np.linalg.eigvalsh(matrix).min():.2g}",
+            "a positive definite matrix",
+            "Use weaker correlations: together they contradict each other.",
+        )
+    return matrix
+
+
+def _of_pairs(given: Mapping[tuple[str, str], float], names: Sequence[str]) -> np.ndarray:
+    matrix = np.eye(len(names))
+    for pair, value in given.items():
+        for name in pair:
+            if name not in names:
+                raise InputError("correlation", f"the name '{name}'", ", ".join(names), suggestion(name, names))
+        i, j = (names.index(n) for n in pair)
+        matrix[i, j] = matrix[j, i] = value
+    return matrix
+
+
+def correlated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
+    """Correlate independent uniform numbers, Φ(L Φ⁻¹(u)) with R = L Lᵀ.
+
+    Parameters
+    ----------
+    u : ndarray, shape (..., parameter)
+        Independent uniform numbers.
+    correlation : ndarray, shape (parameter, parameter)
+        Correlation matrix R.
+
+    Returns
+    -------
+    ndarray, shape (..., parameter)
+        Uniform numbers with the Gaussian copula.
+    """
+    z = scipy.special.ndtri(u) @ np.linalg.cholesky(correlation).T
+    result: np.ndarray = scipy.special.ndtr(z)
+    return result
+
+
+def decorrelated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
+    """Make correlated uniform numbers independent, Φ(L⁻¹ Φ⁻¹(u)); the inverse of `correlated`.
+
+    Parameters
+    ----------
+    u : ndarray, shape (..., parameter)
+        Uniform numbers with the Gaussian copula.
+    correlation : ndarray, shape (parameter, parameter)
+        Correlation matrix R.
+
+    Returns
+    -------
+    ndarray, shape (..., parameter)
+        Independent uniform numbers.
+    """
+    z = np.linalg.solve(np.linalg.cholesky(correlation), scipy.special.ndtri(u)[..., None])[..., 0]
+    result: np.ndarray = scipy.special.ndtr(z)
+    return result
+
+
+def copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:
+    """Log density of the Gaussian copula, log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z.
+
+    Parameters
+    ----------
+    z : array, shape (..., parameter)
+        Normal scores, NumPy or JAX.
+    correlation : ndarray, shape (parameter, parameter)
+        Correlation matrix R.
+    numpy : module
+        NumPy or jax.numpy, whichever made `z`.
+
+    Returns
+    -------
+    array, shape (...)
+        Log density.
+    """
+    excess = np.linalg.inv(correlation) - np.eye(len(correlation))
+    return -0.5 * np.linalg.slogdet(correlation)[1] - 0.5 * numpy.einsum("...i,ij,...j->...", z, excess, z)

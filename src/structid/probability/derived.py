@@ -1,0 +1,49 @@
+"""Derived parameters: functions of other parameters, given as functions or as text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from structid.errors import InputError, suggestion
+from structid.probability.expressions import parse_expression
+
+Derivation = Callable[[Mapping[str, Any]], Any]
+"""Function of a mapping from parameter names to arrays."""
+
+
+def derivations(sources: Mapping[str, Derivation | str], sampled: Sequence[str]) -> dict[str, Derivation]:
+    """Turn the sources of derived parameters into functions, and check their names.
+
+    Parameters
+    ----------
+    sources : mapping of str to callable or str
+        Function or expression of each derived parameter; it may use the sampled parameters and earlier derived ones.
+    sampled : sequence of str
+        Names of the sampled parameters.
+
+    Returns
+    -------
+    dict of str to callable
+        The functions, in the same order.
+
+    Raises
+    ------
+    InputError
+        If a derived parameter also has a prior, or its expression uses a name that is not known yet.
+    """
+    functions: dict[str, Derivation] = {}
+    for name, source in sources.items():
+        if name in sampled:
+            raise InputError(f"derived '{name}'", "a name that also has a prior", "a new name", "Remove one of them.")
+        functions[name] = source if callable(source) else _of_text(name, source, [*sampled, *functions])
+    return functions
+
+
+def _of_text(name: str, text: str, known: Sequence[str]) -> Derivation:
+    function, needed = parse_expression(text, f"derived '{name}'")
+    for other in needed:
+        if other not in known:
+            came = f"'{other}' in '{text}'"
+            raise InputError(f"derived '{name}'", came, ", ".join(known), suggestion(other, known))
+    return function

@@ -1,0 +1,314 @@
+"""The general marginal distribution: any law of SciPy with a unit and an optional truncation, on the host and inside JAX.
+
+SciPy gives the cdf and the quantiles on the host; NumPyro gives the log density and the cdf inside JAX. NumPyro has no
+truncation for half of the laws, so it is done here. With F the untruncated cdf,
+
+    log f_[a,b](x) = log f(x) − log(F(b) − F(a)),    F_[a,b](x) = (F(x) − F(a)) / (F(b) − F(a)).
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.special
+import scipy.stats
+
+from structid.errors import InputError
+from structid.units import factor
+
+SMALLEST_MASS = 1e-6
+"""A truncation that keeps less probability than this is rejected as a mistake."""
+
+
+@dataclass(frozen=True, eq=False)
+class Marginal:
+    """Prior distribution of one parameter. Numbers in the constructor are in `unit`; all results are in SI.
+
+    Make one with `Uniform`, `Normal`, `LogNormal`, `Gamma`, `Beta`, `Weibull`, `Gumbel` or `Frozen`.
+
+    Parameters
+    ----------
+    family : str
+        Name of the family.
+    base : scipy.stats frozen distribution
+        The untruncated distribution, in `unit`.
+    numpyro_name : str
+        Name of the same distribution in NumPyro; empty if there is none.
+    numpyro_parameters : dict
+        Parameters of the NumPyro distribution.
+    low, high : float
+        Truncation, in `unit`; infinite for none.
+    unit : str
+        Unit of the parameter.
+    """
+
+    family: str
+    base: Any
+    numpyro_name: str
+    numpyro_parameters: dict[str, float]
+    low: float
+    high: float
+    unit: str
+
+    def __post_init__(self) -> None:
+        factor(self.unit)
+        if not self.low < self.high:
+            raise InputError(
+                f"{self.family}(low, high)",
+                f"low = {self.low:g} and high = {self.high:g}",
+                "low < high",
+                "Exchange them.",
+            )
+        if not self._mass > SMALLEST_MASS:
+            raise InputError(
+                f"{self.family}(low, high)",
+                f"[{self.low:g}, {self.high:g}] holds {self._mass:.1e} of the distribution with mean {self.base.mean():g} "
+                f"and sd {self.base.std():g}",
+                f"a truncation that keeps more than {SMALLEST_MASS:g} of it",
+                "Check the units of the bounds and of the moments.",
+            )
+
+    # --- on the host --------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _factor(self) -> float:
+        return factor(self.unit)
+
+    @functools.cached_property
+    def _mass(self) -> float:
+        # The difference of survival functions is the more exact one in the upper tail.
+        lower = self.base.cdf(self.high) - self.base.cdf(self.low)
+        upper = self.base.sf(self.low) - self.base.sf(self.high)
+        return float(max(lower, upper))
+
+    @functools.cached_property
+    def support(self) -> tuple[float, float]:
+        """Smallest and largest value, in SI."""
+        low, high = self.base.support()
+        return float(max(low, self.low)) * self._factor, float(min(high, self.high)) * self._factor
+
+    def cdf(self, x: np.ndarray) -> np.ndarray:
+        """Cumulative distribution.
+
+        Parameters
+        ----------
+        x : ndarray
+            Values in SI.
+
+        Returns
+        -------
+        ndarray
+            Probabilities.
+        """
+        y = np.clip(np.asarray(x) / self._factor, self.low, self.high)
+        # The survival function in the upper half, so that both tails are exact.
+        upper = self.base.sf(self.low) - self.base.sf(y)
+        lower = self.base.cdf(y) - self.base.cdf(self.low)
+        probability: np.ndarray = np.clip(np.where(self.base.cdf(y) > 0.5, upper, lower) / self._mass, 0.0, 1.0)
+        return probability
+
+    def quantile(self, p: np.ndarray) -> np.ndarray:
+        """Inverse of the cumulative distribution.
+
+        Parameters
+        ----------
+        p : ndarray
+            Probabilities.
+
+        Returns
+        -------
+        ndarray
+            Values in SI.
+        """
+        p = np.asarray(p, dtype=np.float64)
+        below, above = self.base.cdf(self.low), self.base.sf(self.high)
+        # From the nearer end, so that both tails are exact.
+        from_below = self.base.ppf(np.clip(below + p * self._mass, 0.0, 1.0))
+        from_above = self.base.isf(np.clip(above + (1.0 - p) * self._mass, 0.0, 1.0))
+        y = np.where(below + p * self._mass < 0.5, from_below, from_above)
+        values: np.ndarray = np.clip(y, self.low, self.high) * self._factor
+        return values
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Logarithm of the density.
+
+        Parameters
+        ----------
+        x : ndarray
+            Values in SI.
+
+        Returns
+        -------
+        ndarray
+            Log density with respect to the SI value; −inf outside the support.
+        """
+        y = np.asarray(x, dtype=np.float64) / self._factor
+        inside = (y >= self.low) & (y <= self.high)
+        with np.errstate(divide="ignore"):
+            density: np.ndarray = (
+                np.where(inside, self.base.logpdf(y), -np.inf) - np.log(self._mass) - np.log(self._factor)
+            )
+        return density
+
+    @functools.cached_property
+    def moments(self) -> tuple[float, float]:
+        """Mean and standard deviation in SI, after truncation."""
+        if np.isinf(self.low) and np.isinf(self.high):
+            return float(self.base.mean()) * self._factor, float(self.base.std()) * self._factor
+        nodes, weights = scipy.special.roots_legendre(400)
+        # The sine puts more nodes near both ends, where a quantile function is steep.
+        angle = 0.25 * np.pi * (nodes + 1.0)
+        x = self.quantile(np.sin(angle) ** 2)
+        weight = 0.25 * np.pi * weights * np.sin(2 * angle)
+        mean = float(np.sum(weight * x))
+        return mean, float(np.sqrt(np.sum(weight * (x - mean) ** 2)))
+
+    # --- inside JAX ---------------------------------------------------------------------------------------------
+
+    @functools.cached_property
+    def _numpyro(self) -> Any:
+        import numpyro.distributions
+
+        return getattr(numpyro.distributions, self.numpyro_name)(**self.numpyro_parameters)
+
+    def jax_log_density(self, x: Any) -> Any:
+        """Log density inside JAX, with gradients.
+
+        Parameters
+        ----------
+        x : jax.Array
+            Values in SI.
+
+        Returns
+        -------
+        jax.Array
+            Log density with respect to the SI value; −inf outside the support.
+        """
+        from structid.device import jnp
+
+        low, high = self.support
+        inside = (x >= low) & (x <= high)
+        # Outside the support a safe value is used instead, so that the gradient has no NaN.
+        y = jnp.where(inside, x, self._safe_value) / self._factor
+        log_density = (
+            self._numpyro.log_prob(y)
+            if self.numpyro_name
+            else _host_function(self.base.logpdf, _slope(self.base.logpdf))(y)
+        )
+        return jnp.where(inside, log_density - np.log(self._mass * self._factor), -jnp.inf)
+
+    def jax_cdf(self, x: Any) -> Any:
+        """Cumulative distribution inside JAX, with gradients.
+
+        Parameters
+        ----------
+        x : jax.Array
+            Values in SI.
+
+        Returns
+        -------
+        jax.Array
+            Probabilities.
+        """
+        from structid.device import jnp
+
+        y = jnp.clip(x, *self.support) / self._factor
+        cdf = self._numpyro.cdf(y) if self.numpyro_name else _host_function(self.base.cdf, self.base.pdf)(y)
+        return jnp.clip((cdf - self.base.cdf(self.low)) / self._mass, 0.0, 1.0)
+
+    @functools.cached_property
+    def _safe_value(self) -> float:
+        return float(self.quantile(np.array(0.5)))
+
+    def describe(self) -> dict[str, Any]:
+        """Everything that defines the marginal, for hashes and reports.
+
+        Returns
+        -------
+        dict
+            Family, native parameters of the untruncated distribution, bounds and unit.
+        """
+        parameters: dict[str, Any] = dict(self.numpyro_parameters)
+        if not parameters:
+            parameters = {"args": repr(self.base.args), "kwds": repr(self.base.kwds)}
+        return {"family": self.family, **parameters, "low": self.low, "high": self.high, "unit": self.unit}
+
+    def to_plain(self) -> dict[str, Any]:
+        """Describe the marginal for `from_plain`, ready for JSON.
+
+        Returns
+        -------
+        dict
+            Name and arguments of the distribution in SciPy, and the fields of the marginal.
+        """
+        return {
+            "family": self.family,
+            "scipy": [self.base.dist.name, [float(a) for a in self.base.args], {k: float(v) for k, v in self.base.kwds.items()}],
+            "numpyro": [self.numpyro_name, self.numpyro_parameters],
+            "low": self.low,
+            "high": self.high,
+            "unit": self.unit,
+        }  # fmt: skip
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> Marginal:
+        """Rebuild a marginal from the description by `to_plain`.
+
+        Parameters
+        ----------
+        plain : dict
+            The description.
+
+        Returns
+        -------
+        Marginal
+            The same distribution.
+        """
+        name, arguments, keywords = plain["scipy"]
+        base = getattr(scipy.stats, name)(*arguments, **keywords)
+        numpyro_name, parameters = plain["numpyro"]
+        return cls(plain["family"], base, numpyro_name, parameters, plain["low"], plain["high"], plain["unit"])
+
+    def __str__(self) -> str:
+        inside = ", ".join(f"{k} {v:.6g}" for k, v in self.numpyro_parameters.items())
+        cut = ""
+        if self.family != "Uniform" and np.isfinite([self.low, self.high]).any():
+            cut = f", truncated to [{self.low:g}, {self.high:g}]".replace("[-inf, ", "(−∞, ").replace(", inf]", ", ∞)")
+        return f"{self.family}({inside}){cut}{' ' + self.unit if self.unit else ''}"
+
+
+def _slope(function: Callable[..., Any]) -> Callable[[np.ndarray], np.ndarray]:
+    """Central difference of a function, (f(y + h) − f(y − h)) / 2h."""
+
+    def slope(y: np.ndarray) -> np.ndarray:
+        h = 6e-6 * np.maximum(np.abs(y), 1e-3)
+        difference: np.ndarray = (function(y + h) - function(y - h)) / (2 * h)
+        return difference
+
+    return slope
+
+
+def _host_function(function: Callable[..., Any], derivative: Callable[..., Any]) -> Any:
+    """Call a NumPy function from JAX, with its derivative for gradients."""
+    import jax
+
+    def on_host(f: Callable[..., Any], y: Any) -> Any:
+        shape = jax.ShapeDtypeStruct(y.shape, y.dtype)
+        return jax.pure_callback(
+            lambda v: np.asarray(f(np.asarray(v)), dtype=np.float64), shape, y, vmap_method="expand_dims"
+        )
+
+    def value(y: Any) -> Any:
+        return on_host(function, y)
+
+    def jvp(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        (y,), (dy,) = primals, tangents
+        return call(y), on_host(derivative, y) * dy
+
+    call = jax.custom_jvp(value)
+    call.defjvp(jvp)
+    return call

@@ -1,0 +1,107 @@
+"""Every purpose that random numbers are drawn for, in one place: no two of them share a stream.
+
+A stream is ``numpy.random.SeedSequence([seed, purpose, index])``. The purposes are numbered here and nowhere else. NumPy pads
+such a list with zeros, so that a list of two words would be the stream of index 0. All streams have three.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+_LARGEST_WORD = 2**32
+"""A larger seed would take two words, and could be another seed's purpose."""
+
+
+class Purpose(IntEnum):
+    """What random numbers are for. A number is a part of the stream: never change one, never use one again."""
+
+    LATIN_HYPERCUBE = 0
+    MAXIMIN = 1
+    SOBOL = 2
+    RANDOM_DESIGN = 3
+
+    SMC_START = 11
+    SMC_STAGE = 12
+    SMC_MOVES = 13
+
+    DELAYED_ACCEPTANCE_START = 21
+    DELAYED_ACCEPTANCE_STEPS = 22
+
+    NUTS_START = 31
+    NUTS_WARM_UP = 32
+    NUTS_STEPS = 33
+
+    REPLICA_TRUTH = 41
+    REPLICA_NOISE = 42
+    RANK_JITTER = 43
+
+    ENSEMBLE_START = 51
+    ENSEMBLE_MOVES = 52
+    ENSEMBLE_SETTLING = 53
+
+    PREDICTION_ON_THE_RECORD = 61
+    PREDICTION_FROM_THE_PRIOR = 62
+    PREDICTION_ON_ANOTHER_RECORD = 63
+    PRIOR_DRAWS = 64
+
+    CALIBRATION_EXPLORING = 71
+    CALIBRATION_BATCH = 72
+    CALIBRATION_SAMPLING = 73
+
+    KRIGING_SEARCH = 81
+    HELD_OUT_RUNS = 82
+    BOOTSTRAP = 83
+
+    SEARCH_STARTS = 91
+
+    VALIDATION_DESIGN = 0x76616C
+    RECORD = 0x67726F75
+    VIRTUAL_NOISE = 0x6E6F6973
+
+
+def _sequence(seed: int, purpose: Purpose, index: int) -> np.random.SeedSequence:
+    if seed >= _LARGEST_WORD:
+        seed = int(np.random.SeedSequence(seed).generate_state(1)[0])
+    return np.random.SeedSequence([seed, purpose, index])
+
+
+def stream(seed: int, purpose: Purpose, index: int = 0) -> np.random.Generator:
+    """Random numbers for one purpose.
+
+    Parameters
+    ----------
+    seed : int
+        The seed that a user gives, 0 or more.
+    purpose : Purpose
+        What they are for.
+    index : int
+        Which block, stage or round of it.
+
+    Returns
+    -------
+    numpy.random.Generator
+        The same for the same three.
+    """
+    return np.random.default_rng(_sequence(seed, purpose, index))
+
+
+def derived_seed(seed: int, purpose: Purpose, index: int = 0) -> int:
+    """Seed for a part that derives streams of its own.
+
+    Parameters
+    ----------
+    seed : int
+        The seed that a user gives, 0 or more.
+    purpose : Purpose
+        What the part does.
+    index : int
+        Which time.
+
+    Returns
+    -------
+    int
+        Below 2³².
+    """
+    return int(_sequence(seed, purpose, index).generate_state(1)[0])

@@ -1,0 +1,232 @@
+"""A fitted polynomial chaos expansion: its values, moments, Sobol' indices and bootstrap."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.probability.space import ParameterSpace
+from structid.streams import Purpose, stream
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
+
+
+@dataclass(frozen=True, eq=False)
+class ChaosExpansion:
+    """A fitted polynomial chaos expansion of one output or many.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis
+        Every term that some output uses.
+    coefficients : ndarray, shape (term, output)
+        Zero where an output does not use a term.
+    leave_one_out_error : ndarray, shape (output,)
+        Corrected leave-one-out error relative to the variance of the output.
+    truncation : tuple of tuple
+        The degree and hyperbolic norm chosen for each output.
+    theta : ndarray, shape (run, parameter)
+        The points it was fitted to, in SI.
+    outputs : ndarray, shape (run, output)
+        The values there.
+    """
+
+    word: ClassVar[str] = "ChaosExpansion"
+    basis: PolynomialBasis
+    coefficients: np.ndarray
+    leave_one_out_error: np.ndarray
+    truncation: tuple[tuple[int, float], ...]
+    theta: np.ndarray
+    outputs: np.ndarray
+
+    @property
+    def terms(self) -> np.ndarray:
+        """Number of terms each output uses, shape (output,)."""
+        return np.asarray(np.count_nonzero(self.coefficients, axis=0))
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Mean of each output under the prior: the coefficient of the constant, shape (output,)."""
+        return np.asarray(self.prior_coefficients[self._constant].sum(axis=0))
+
+    @cached_property
+    def prior_coefficients(self) -> np.ndarray:
+        """Coefficients of the polynomials orthonormal under the prior, which give moments and indices, (term, output)."""
+        return self.basis.to_prior(self.coefficients)
+
+    @property
+    def variance(self) -> np.ndarray:
+        """Variance of each output under the prior, Σ_{α≠0} c_α², shape (output,)."""
+        return np.asarray(np.sum(self.prior_coefficients[~self._constant] ** 2, axis=0))
+
+    @property
+    def _constant(self) -> np.ndarray:
+        return np.asarray(~self.basis.indices.any(axis=1))
+
+    def predict(self, theta: Any) -> Any:
+        """Predict the outputs.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, output)
+            Outputs, of the same kind as `theta`.
+        """
+        return self.basis.evaluate(theta) @ self.coefficients
+
+    def deviation(self, theta: Any) -> None:
+        """Return None: an expansion has no error estimate that varies with the point; see `Regression.deviation`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+        """
+
+    def predict_with_deviation(self, theta: Any) -> tuple[Any, None]:
+        """Predict the outputs; there are no standard deviations; see `Regression.predict_with_deviation`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        tuple of array and None
+            What `predict` and `deviation` return.
+        """
+        return self.predict(theta), None
+
+    def sobol_indices(self, order: int | Literal["total"] = 1) -> np.ndarray:
+        """Compute Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002).
+
+        Parameters
+        ----------
+        order : {1, 2, "total"}
+            First order, second order (pairs) or total.
+
+        Returns
+        -------
+        ndarray, shape (parameter, output), or (parameter, parameter, output) for pairs
+            Sᵢ, S_T,ᵢ or Sᵢⱼ; the diagonal of the pairs is zero.
+
+        Raises
+        ------
+        InputError
+            If the parameters are dependent, so that the variance has no such shares, or `order` is none of these.
+        """
+        if order not in (1, 2, "total"):
+            raise InputError("sobol_indices: order", f"{order!r}", '1, 2 or "total"')
+        if self.basis.space.correlation is not None:
+            raise InputError("sobol_indices", "correlated parameters", "independent ones", "Sobol' indices need that.")
+        used = self.basis.indices > 0
+        share = self.prior_coefficients**2 / self.variance
+        count = used.sum(axis=1)
+        if order == 2:
+            pairs = used[count == 2].astype(float)
+            indices = np.einsum("ti,tj,to->ijo", pairs, pairs, share[count == 2])
+            indices[np.arange(used.shape[1]), np.arange(used.shape[1])] = 0.0
+            return np.asarray(indices)
+        keep = used & (count == 1)[:, None] if order == 1 else used
+        return np.asarray(keep.T.astype(float) @ share)
+
+    def bootstrap(self, replicates: int, seed: int) -> np.ndarray:
+        """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979).
+
+        Parameters
+        ----------
+        replicates : int
+            Number of refits.
+        seed : int
+            Seed of the draws.
+
+        Returns
+        -------
+        ndarray, shape (replicate, term, output)
+            Coefficients; their standard deviation shows how well the runs determine them.
+
+        Raises
+        ------
+        InputError
+            If the expansion was fitted by shrinkage.
+        """
+        if self.basis.box is not None:
+            raise InputError(
+                "bootstrap", "an expansion whose coefficients shrink with the degree", "one of the other methods",
+                "It has more terms than runs: least squares does not determine them.",
+            )  # fmt: skip
+        rng = stream(seed, Purpose.BOOTSTRAP)
+        columns = self.basis.evaluate(self.theta)
+        found = np.zeros((replicates, *self.coefficients.shape))
+        for r in range(replicates):
+            rows = rng.integers(len(columns), size=len(columns))
+            for k in range(self.coefficients.shape[1]):
+                active = np.flatnonzero(self.coefficients[:, k])
+                drawn = columns[np.ix_(rows, active)]
+                found[r, active, k] = np.linalg.lstsq(drawn, self.outputs[rows, k], rcond=None)[0]
+        return found
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Return the contents of the expansion, without its parameter space, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can hold, and arrays.
+        """
+        arrays = {
+            "indices": self.basis.indices,
+            **({} if self.basis.box is None else {"box": self.basis.box}),
+            "coefficients": self.coefficients,
+            "leave_one_out_error": self.leave_one_out_error,
+            "truncation": np.array(self.truncation, dtype=np.float64),
+            "theta": self.theta,
+            "outputs": self.outputs,
+        }
+        return {}, arrays
+
+    @classmethod
+    def from_plain(
+        cls, space: ParameterSpace, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> ChaosExpansion:
+        """Rebuild an expansion from what `to_plain` returned.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can hold.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        ChaosExpansion
+            The same expansion.
+        """
+        return cls(
+            PolynomialBasis(space, arrays["indices"], arrays.get("box")),
+            arrays["coefficients"],
+            arrays["leave_one_out_error"],
+            tuple((int(d), float(q)) for d, q in arrays["truncation"]),
+            arrays["theta"],
+            arrays["outputs"],
+        )
+
+    def __str__(self) -> str:
+        degrees = sorted({d for d, _ in self.truncation})
+        return (
+            f"polynomial chaos of {self.basis.space.dimension} parameters, {self.coefficients.shape[1]} outputs: "
+            f"{len(self.basis)} terms, degrees {degrees[0]} to {degrees[-1]}, "
+            f"leave-one-out error up to {self.leave_one_out_error.max():.1e}"
+        )

@@ -1,0 +1,91 @@
+"""Multi-indices: the degree of each parameter in each term of a truncated polynomial basis."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from structid.errors import InputError
+
+LARGEST_BASIS = 200_000
+"""Largest number of terms; a larger basis is refused as a mistake."""
+
+
+def multi_indices(
+    dimension: int, degree: int, hyperbolic_norm: float = 1.0, interaction: int | None = None
+) -> np.ndarray:
+    """Return the multi-indices α with ‖α‖_q ≤ p and at most r non-zero entries (thesis eqs. 2.37, 2.38).
+
+    Parameters
+    ----------
+    dimension : int
+        Number of parameters.
+    degree : int
+        Largest total degree p.
+    hyperbolic_norm : float
+        q of the norm ‖α‖_q = (Σ αᵢ^q)^(1/q), in (0, 1]; 1 keeps every product up to the total degree.
+    interaction : int, optional
+        Largest number r of parameters in one product.
+
+    Returns
+    -------
+    ndarray of int, shape (term, parameter)
+        Ordered by total degree, the constant first.
+
+    Raises
+    ------
+    InputError
+        If `hyperbolic_norm` or `degree` is out of range, or the basis has more than `LARGEST_BASIS` terms.
+    """
+    if not (0 < hyperbolic_norm <= 1):
+        raise InputError("hyperbolic_norm", f"{hyperbolic_norm}", "a number in (0, 1]")
+    if degree < 0 or int(degree) != degree:
+        raise InputError("degree", f"{degree}", "a whole number, 0 or more")
+    order = dimension if interaction is None else min(interaction, dimension)
+    budget = degree**hyperbolic_norm * (1 + 1e-12)
+    kept = [np.zeros((1, dimension), dtype=int)]
+    for count in range(1, order + 1):
+        degrees = _degrees_within(count, degree, hyperbolic_norm, budget)
+        if len(degrees) == 0:
+            break
+        for places in itertools.combinations(range(dimension), count):
+            block = np.zeros((len(degrees), dimension), dtype=int)
+            block[:, places] = degrees
+            kept.append(block)
+        if sum(map(len, kept)) > LARGEST_BASIS:
+            raise InputError(
+                "degree",
+                f"degree {degree} in {dimension} parameters, more than {LARGEST_BASIS} terms",
+                "a smaller basis",
+                "Lower the degree, hyperbolic_norm or interaction.",
+            )
+    indices = np.concatenate(kept)
+    return np.asarray(indices[by_degree(indices)])
+
+
+def by_degree(indices: np.ndarray) -> np.ndarray:
+    """Return the order of multi-indices: by total degree, and within a degree those of the first parameters first.
+
+    Parameters
+    ----------
+    indices : ndarray of int, shape (term, parameter)
+        The multi-indices.
+
+    Returns
+    -------
+    ndarray of int, shape (term,)
+        Their positions in that order.
+    """
+    return np.lexsort((*(-indices.T[::-1]), indices.sum(axis=1)))
+
+
+def _degrees_within(count: int, degree: int, q: float, budget: float) -> np.ndarray:
+    """All tuples of `count` positive degrees with Σ αᵢ^q ≤ budget, shape (n, count)."""
+    rows = np.zeros((1, 0), dtype=int)
+    for _ in range(count):
+        repeated = np.repeat(rows, degree, axis=0)
+        added = np.tile(np.arange(1, degree + 1), len(rows))[:, None]
+        rows = np.hstack([repeated, added])
+        rows = rows[np.sum(rows.astype(float) ** q, axis=1) <= budget]
+    return rows

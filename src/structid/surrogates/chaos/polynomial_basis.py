@@ -1,0 +1,167 @@
+"""Truncated tensor products of the orthonormal polynomials of a parameter space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.probability.space import ParameterSpace
+from structid.surrogates.array_module import namespace
+from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
+from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily
+
+MORE_NODES = 60
+"""Quadrature nodes beyond the degree, for functions that are constant outside a range and so are no polynomials."""
+
+
+@dataclass(frozen=True, eq=False)
+class PolynomialBasis:
+    """Tensor products of the orthonormal polynomials of a parameter space.
+
+    Dependent parameters are first transformed to independent standard normal variables.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The parameters.
+    indices : ndarray of int, shape (term, parameter)
+        Degree of every parameter in every term.
+    box : ndarray, shape (parameter, 2), optional
+        If given, the polynomials are Legendre polynomials on this range of each variable: they stay small all over it. Outside
+        the range they keep their value at its edge. The range of an independent parameter is in SI, that of a lognormal one is
+        the range of its logarithm, and that of dependent ones is in standard normal variables.
+    """
+
+    space: ParameterSpace
+    indices: np.ndarray
+    box: np.ndarray | None = None
+
+    @cached_property
+    def families(self) -> tuple[OrthonormalFamily, ...]:
+        """The polynomial family of each parameter."""
+        degrees = self.indices.max(axis=0, initial=0)
+        if self.box is not None:
+            return tuple(OrthonormalFamily.legendre(a, b, int(d)) for (a, b), d in zip(self.box, degrees, strict=True))
+        return self.prior_families(degrees)
+
+    def prior_families(self, degrees: np.ndarray) -> tuple[OrthonormalFamily, ...]:
+        """Return the families that are orthonormal under the prior.
+
+        Parameters
+        ----------
+        degrees : ndarray of int, shape (parameter,)
+            Largest degree of each parameter.
+
+        Returns
+        -------
+        tuple of OrthonormalFamily
+            One for each parameter.
+        """
+        if self.space.correlation is not None:
+            return tuple(OrthonormalFamily.standard_normal(int(d)) for d in degrees)
+        return tuple(
+            OrthonormalFamily.of(m, int(d)) for m, d in zip(self.space.marginals.values(), degrees, strict=True)
+        )
+
+    def __len__(self) -> int:
+        return len(self.indices)
+
+    def __getitem__(self, terms: Any) -> PolynomialBasis:
+        """Return the basis of some of the terms."""
+        return PolynomialBasis(self.space, self.indices[terms], self.box)
+
+    def evaluate(self, theta: Any) -> Any:
+        """Evaluate every term.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, term)
+            Of the same kind as `theta`.
+        """
+        numpy = namespace(theta)
+        germ = self.variables(theta)
+        degrees = self.indices.max(axis=0, initial=0)
+        product = numpy.ones((theta.shape[0], len(self.indices)))
+        for i, (family, degree) in enumerate(zip(self.families, degrees, strict=True)):
+            if degree:
+                values = numpy.stack(family.evaluate(germ[:, i], int(degree)), axis=1)
+                product = product * values[:, self.indices[:, i]]
+        return product
+
+    def variables(self, theta: Any) -> Any:
+        """Return the variables of the polynomials: the parameters, or what they are transformed to first; see `box`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, parameter)
+            Of the same kind as `theta`.
+        """
+        if self.space.correlation is not None and self.box is None:
+            return standard_normal(self.space, theta)
+        if self.box is None:
+            return theta
+        return namespace(theta).clip(box_variables(self.space, theta), self.box[:, 0], self.box[:, 1])
+
+    def to_prior(self, coefficients: np.ndarray) -> np.ndarray:
+        """Convert coefficients to those of the same function in the basis that is orthonormal under the prior.
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (term, output)
+            Coefficients in this basis. Its multi-indices must be downward closed: with one come all that are lower.
+
+        Returns
+        -------
+        ndarray, shape (term, output)
+            Coefficients of the same multi-indices.
+        """
+        if self.box is None:
+            return coefficients
+        degrees = self.indices.max(axis=0, initial=0)
+        place = {tuple(index): row for row, index in enumerate(self.indices)}
+        found = coefficients
+        for i, (mine, prior) in enumerate(zip(self.families, self.prior_families(degrees + MORE_NODES), strict=True)):
+            change = prior.expansion_of(mine, int(degrees[i]), *self.box[i])  # change[m, n] = E[p_m q_n]
+            moved = np.zeros_like(found)
+            for row, index in enumerate(self.indices):
+                for lower in range(index[i] + 1):
+                    target = place[(*index[:i], lower, *index[i + 1 :])]
+                    moved[target] += change[lower, index[i]] * found[row]
+            found = moved
+        return found
+
+
+def box_variables(space: ParameterSpace, theta: Any) -> Any:
+    """Return the variables of polynomials on a box: those of the prior's own, so that each family can be expanded in the other.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The parameters.
+    theta : ndarray or jax.Array, shape (run, parameter)
+        Points in SI.
+
+    Returns
+    -------
+    array, shape (run, parameter)
+        Standard normal variables of dependent parameters, logarithms of lognormal ones, all others unchanged.
+    """
+    if space.correlation is not None:
+        return standard_normal(space, theta)
+    numpy = namespace(theta)
+    logarithmic = [m.family == "LogNormal" for m in space.marginals.values()]
+    columns = [numpy.log(theta[:, i]) if log else theta[:, i] for i, log in enumerate(logarithmic)]
+    return numpy.stack(columns, axis=1)

@@ -1,0 +1,255 @@
+"""How a surrogate came about, and what every fit asks of its runs."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.journal import digest
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import Runs
+
+FEWEST_RUNS = 10
+"""Fewer finished runs than this are taken for a mistake."""
+
+OutsideRule = Literal["warn", "refuse", "allow"]
+"""What happens beyond the range of the design."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How a surrogate came about.
+
+    Parameters
+    ----------
+    kind : str
+        Its settings' class, such as ``"PODKriging"``.
+    settings : dict
+        Its settings, as JSON can say them.
+    space : ParameterSpace
+        The parameters.
+    channels : tuple of str
+        Of the histories.
+    excitation : str
+        Kind of the records.
+    dt : float
+        Their time step [s].
+    low, high : ndarray, shape (parameter,)
+        The range of the design.
+    runs, left_out : int
+        Runs it was fitted to, those held out among them, and those that had failed.
+    error : float
+        Mean relative error estimated while fitting: by leaving runs out, or over the runs held out.
+    limit : float
+        Largest mean error with which it may stand in a posterior.
+    outside : str
+        What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``.
+    seconds : float
+        Wall time of the fit.
+    seen : tuple of str
+        A digest of each run it was fitted to: those cannot validate it.
+    """
+
+    kind: str
+    settings: dict[str, Any]
+    space: ParameterSpace
+    channels: tuple[str, ...]
+    excitation: str
+    dt: float
+    low: np.ndarray
+    high: np.ndarray
+    runs: int
+    left_out: int
+    error: float
+    limit: float
+    outside: Literal["warn", "refuse", "allow"]
+    seconds: float = field(default=float("nan"))
+    seen: tuple[str, ...] = ()
+
+
+def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:
+    """Check runs to fit to, and leave out those that failed.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    runs : Runs
+        What came.
+    fewest : int
+        Fewer finished runs are refused.
+
+    Returns
+    -------
+    tuple of Runs and int
+        The finished ones, and how many were left out.
+
+    Raises
+    ------
+    InputError
+        If there are too few, a value is not finite, or a channel does not vary.
+    """
+    if not isinstance(runs, Runs):
+        raise InputError(where, f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
+    done = runs[runs.done]
+    left_out = len(runs) - len(done)
+    check_enough(where, len(done), f"{len(done)} finished runs and {left_out} others", fewest)
+    if not np.isfinite(done.design.values).all():
+        raise InputError(where, "parameters that are not finite", "finite numbers")
+    spread = np.zeros(len(done.channels))
+    for batch in done.batches():
+        values = _known_samples(batch)
+        if not all(np.isfinite(v).all() for v in values):
+            raise InputError(
+                where, "histories with values that are not finite in runs said to be done", "finite numbers",
+                "Set their status, so that they are left out.",
+            )  # fmt: skip
+        spread = np.maximum(spread, np.max([np.ptp(v, axis=0) for v in values], axis=0))
+    constant = [c for c, s in zip(done.channels, spread, strict=True) if s == 0.0]
+    if constant:
+        raise InputError(where, f"the channel '{constant[0]}', constant in every run", "channels that vary")
+    return done, left_out
+
+
+def checked_weights(where: str, weights: np.ndarray, runs: Runs) -> np.ndarray:
+    """Check how much runs count, and leave out those that failed.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    weights : ndarray, shape (run,)
+        Of all runs.
+    runs : Runs
+        The runs.
+
+    Returns
+    -------
+    ndarray, shape (finished run,)
+        One on average.
+
+    Raises
+    ------
+    InputError
+        If they are not as many positive numbers as there are runs.
+    """
+    weights = np.asarray(weights, dtype=np.float64)
+    if weights.shape != (len(runs),) or not (np.isfinite(weights) & (weights > 0.0)).all():
+        raise InputError(f"{where}: weights", f"an array of shape {weights.shape}", f"{len(runs)} positive numbers")
+    kept = weights[runs.done]
+    return np.asarray(kept / kept.mean())
+
+
+def check_enough(where: str, runs: int, came: str, fewest: int = FEWEST_RUNS) -> None:
+    """Refuse too few runs.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    runs : int
+        How many have finished, or will.
+    came : str
+        What to say of them.
+    fewest : int
+        How many there must be.
+
+    Raises
+    ------
+    InputError
+        If there are fewer.
+    """
+    if runs < fewest:
+        raise InputError(where, came, f"{fewest} finished ones or more")
+
+
+def _known_samples(runs: Runs) -> list[np.ndarray]:
+    values = runs.values
+    return [v[: len(runs.records[r])] for v, r in zip(values, runs.record_of_run, strict=True)]
+
+
+def run_digests(runs: Runs) -> tuple[str, ...]:
+    """Tell runs apart by their point and their record.
+
+    Parameters
+    ----------
+    runs : Runs
+        The runs.
+
+    Returns
+    -------
+    tuple of str
+        One for each.
+    """
+    hashes = [r.content_hash for r in runs.records]
+    return tuple(
+        digest(point, hashes[record])[:16] for point, record in zip(runs.design.values, runs.record_of_run, strict=True)
+    )
+
+
+def fitted_range(design: Design) -> tuple[np.ndarray, np.ndarray]:
+    """Range of a design, a hundredth of its width wider, but not beyond the support of the prior.
+
+    Parameters
+    ----------
+    design : Design
+        Points.
+
+    Returns
+    -------
+    tuple of ndarray, shape (parameter,)
+        Smallest and largest values that count as inside.
+    """
+    low, high = design.values.min(axis=0, initial=np.inf), design.values.max(axis=0, initial=-np.inf)
+    margin = 0.01 * (high - low)
+    support = design.space.bounds
+    return np.maximum(low - margin, support[:, 0]), np.minimum(high + margin, support[:, 1])
+
+
+def common_step(where: str, records: Sequence[Excitation]) -> tuple[str, float]:
+    """Return the kind and time step that all records share.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    records : sequence of Excitation
+        The records.
+
+    Returns
+    -------
+    tuple of str and float
+        Kind and step [s].
+
+    Raises
+    ------
+    InputError
+        If they differ.
+    """
+    kinds, steps = {r.kind for r in records}, {r.dt for r in records}
+    if len(kinds) > 1 or max(steps) / min(steps) - 1.0 > 1e-9:
+        raise InputError(
+            where,
+            f"records of {len(kinds)} kinds and the steps {', '.join(f'{s:g} s' for s in sorted(steps))}",
+            "records of one kind and one step",
+            "Resample them, or fit one surrogate for each.",
+        )
+    return kinds.pop(), records[0].dt
+
+
+class Stopwatch:
+    """Seconds since it was made."""
+
+    def __init__(self) -> None:
+        self._start = time.perf_counter()
+
+    @property
+    def seconds(self) -> float:
+        """Seconds so far."""
+        return time.perf_counter() - self._start

@@ -1,0 +1,322 @@
+"""Hyper-parameters of Kriging, its correlation lengths and its nugget: the objective they minimise, and the search for them."""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import jax
+import numpy as np
+import scipy.optimize
+from scipy.stats import qmc
+
+from structid.device import jnp, over_runs
+from structid.surrogates.kriging.correlations import correlation
+from structid.surrogates.kriging.kriging_system import (
+    KrigingData,
+    generalised_least_squares,
+    raised_correlation_cholesky,
+)
+from structid.surrogates.progress import Steps
+from structid.surrogates.search import quasi_newton
+from structid.surrogates.symmetric import inverse_of
+
+PADDING = 64
+"""The number of points in a correlation matrix is padded to a multiple of this, so that growing designs are seldom recompiled."""
+
+LOG_LENGTHS = (-4.0, 7.0)
+"""Range of the logarithm of a correlation length, in standard deviations of the design."""
+
+LOG_NUGGETS = (-25.0, 0.0)
+"""Range of the logarithm of an estimated nugget, relative to the process variance."""
+
+SCREENING_POINTS = 250
+"""Number of points of the design that the global search uses."""
+
+
+class HyperparameterObjective:
+    """The objective that the hyper-parameters minimise, with its exact gradient; all outputs share one variance.
+
+    Maximum likelihood, profiled over β and σ²: N/2 log σ̂² + ½ log|C|, whose derivative by C is ½ (C⁻¹ − w wᵀ/σ̂²).
+    Cross-validation: N/2 log Σ eᵢ², whose derivative by Q is M with M_ij = 2 eᵢ yⱼ/Qᵢᵢ − δ_ij 2 eᵢ²/Qᵢᵢ, and dQ = −Q dC Q.
+
+    Its argument is the vector of the logarithms of the correlation lengths, followed by that of the nugget if it is estimated.
+
+    Parameters
+    ----------
+    data : KrigingData
+        The runs.
+    family : str
+        The correlation function.
+    separable : bool
+        Whether the correlation is a product over the parameters.
+    nugget : float or "estimate"
+        The nugget relative to the process variance.
+    estimation : {"ml", "cv"}
+        Maximum likelihood or leave-one-out cross-validation.
+    """
+
+    def __init__(self, data: KrigingData, family: str, separable: bool, nugget: float | str, estimation: str) -> None:
+        self.data, self.family, self.separable = data, family, separable
+        self.nugget, self.estimation = nugget, estimation
+        self.lengths = data.points.shape[1]
+
+    def on(self, data: KrigingData) -> HyperparameterObjective:
+        """Return the same objective for other runs.
+
+        Parameters
+        ----------
+        data : KrigingData
+            The other runs.
+
+        Returns
+        -------
+        HyperparameterObjective
+            Their objective.
+        """
+        return HyperparameterObjective(data, self.family, self.separable, self.nugget, self.estimation)
+
+    @property
+    def bounds(self) -> list[tuple[float, float]]:
+        """Range of each hyper-parameter."""
+        return [LOG_LENGTHS] * self.lengths + [LOG_NUGGETS] * (self.nugget == "estimate")
+
+    def matrix(self, parameters: np.ndarray) -> np.ndarray:
+        """Compute the correlations of the points.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (hyperparameter,)
+            Hyper-parameters; only the lengths are used.
+
+        Returns
+        -------
+        ndarray, shape (run, run)
+            R.
+        """
+        columns, _, _ = _compiled(self.family, self.separable)
+        points = _padded(self.data.points)
+        size = len(self.data.points)
+        return np.asarray(columns(points, points, parameters[: self.lengths]))[:size, :size]
+
+    def diagonal(self, parameters: np.ndarray) -> float:
+        """Return the nugget.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (hyperparameter,)
+            Hyper-parameters.
+
+        Returns
+        -------
+        float
+            The fixed nugget, or the one among the hyper-parameters if it is estimated.
+        """
+        return float(np.exp(parameters[-1])) if self.nugget == "estimate" else float(self.nugget)
+
+    def values(self, parameters: np.ndarray) -> np.ndarray:
+        """Evaluate the objective at many points, without gradients.
+
+        Parameters
+        ----------
+        parameters : ndarray, shape (hyperparameter, point)
+            Hyper-parameters, in the layout of differential evolution.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            The objective.
+        """
+        _, _, matrices = _compiled(self.family, self.separable)
+        found = matrices(np.ascontiguousarray(parameters[: self.lengths].T), self.data.points)
+        return np.array([self._given(matrix, p, False)[0] for matrix, p in zip(found, parameters.T, strict=True)])
+
+    def __call__(self, parameters: np.ndarray, gradient: bool = True) -> tuple[float, np.ndarray]:
+        """Evaluate the objective and its gradient by the log lengths and the log nugget."""
+        return self._given(self.matrix(parameters), parameters, gradient)
+
+    def _given(self, matrix: np.ndarray, parameters: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
+        """The objective and its gradient, given the correlation matrix."""
+        try:
+            cholesky, nugget = raised_correlation_cholesky(matrix, self.diagonal(parameters))
+            by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
+            value, weights = by_matrix(cholesky, gradient)
+        except np.linalg.LinAlgError:
+            return 1e25, np.zeros(len(parameters))
+        if not gradient:
+            return value, np.empty(0)
+        _, gradients, _ = _compiled(self.family, self.separable)
+        size, points = len(self.data.points), _padded(self.data.points)
+        weights_of = np.zeros((len(points), len(points)))
+        weights_of[:size, :size] = weights  # padded points have no weight
+        rows = np.hstack([np.tile(parameters[: self.lengths], (len(points), 1)), points, weights_of])
+        slope = gradients(rows, points).sum(axis=0)
+        if self.nugget == "estimate":
+            slope = np.append(slope, nugget * np.trace(weights))
+        return value, slope
+
+    def _likelihood(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
+        """Negative log likelihood and its derivative by C."""
+        runs, outputs = self.data.outputs.shape
+        _, _, coefficients, weights = generalised_least_squares(self.data, cholesky)
+        error = self.data.outputs - self.data.trend @ coefficients
+        variance = float(np.sum(error * weights)) / (runs * outputs)
+        value = 0.5 * runs * np.log(variance) + np.sum(np.log(np.diag(cholesky)))
+        if not gradient:
+            return float(value), np.empty(0)
+        return float(value), 0.5 * (inverse_of(cholesky) - weights @ weights.T / (variance * outputs))
+
+    def _cross_validation(self, cholesky: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
+        """Log of the sum of squared leave-one-out residuals, times N/2, and its derivative by C."""
+        solved_trend, trend_covariance, _, weights = generalised_least_squares(self.data, cholesky)
+        q = inverse_of(cholesky) - solved_trend @ trend_covariance @ solved_trend.T
+        precision = np.diag(q)
+        error = weights / precision[:, None]
+        total = float(np.sum(error**2))
+        value = 0.5 * len(q) * np.log(total)
+        if not gradient:
+            return float(value), np.empty(0)
+        by_inverse = q @ (2.0 * error / precision[:, None]) @ weights.T
+        by_inverse -= (q * (2.0 * np.sum(error**2, axis=1) / precision)) @ q
+        return float(value), -0.5 * len(q) / total * by_inverse
+
+
+@functools.cache
+def _compiled(family: str, separable: bool) -> tuple[Any, Any, Any]:
+    """Compiled functions: a correlation matrix, the gradient of a weighted sum of its entries, matrices for many lengths."""
+
+    def columns(some: Any, points: Any, log_lengths: Any) -> Any:
+        return correlation(family, separable, points, some, log_lengths)
+
+    def matrices(log_lengths: Any, points: Any) -> Any:
+        """Correlation matrices of the same points for many lengths."""
+        return jax.vmap(lambda lengths: correlation(family, separable, points, points, lengths))(log_lengths)
+
+    def gradients(rows: Any, points: Any) -> Any:
+        """Gradients of Σⱼ weightⱼ R(point, pointⱼ) by the log lengths; a row holds the log lengths, a point and its weights.
+
+        The lengths are part of each row because the gradient by an argument that all devices share would be summed over them.
+        """
+        size = points.shape[1]
+
+        def weighted(log_lengths: Any, row: Any) -> Any:
+            return jnp.vdot(
+                row[2 * size :], correlation(family, separable, row[None, size : 2 * size], points, log_lengths)
+            )
+
+        return jax.vmap(lambda row: jax.grad(weighted)(row[:size], row))(rows)
+
+    return over_runs(columns, run_axes=1), over_runs(gradients), over_runs(matrices)
+
+
+def _padded(points: np.ndarray) -> np.ndarray:
+    """Points, padded with copies of the last one to a multiple of `PADDING`."""
+    missing = -len(points) % PADDING
+    return np.concatenate([points, np.repeat(points[-1:], missing, axis=0)]) if missing else points
+
+
+def stage_sizes(runs: int) -> list[int]:
+    """Return the number of runs that each stage of the search uses: all of them in the last, half as many in the one before, ….
+
+    Parameters
+    ----------
+    runs : int
+        Number of runs.
+
+    Returns
+    -------
+    list of int
+        One number for each stage, rising.
+    """
+    sizes = [runs]
+    while sizes[-1] > 2 * SCREENING_POINTS:
+        sizes.append(sizes[-1] // 2)
+    return sizes[::-1]
+
+
+def search_hyperparameters(
+    objective: HyperparameterObjective, starts: int, rng: np.random.Generator, tell: Steps
+) -> np.ndarray:
+    """Search the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
+
+    The local search takes quasi-Newton steps on part of the design, then on twice as many runs, and in the end on all of them. The
+    curvature found on one part, scaled by the number of runs, starts the next, so that few evaluations need the whole design.
+
+    Parameters
+    ----------
+    objective : HyperparameterObjective
+        The objective on the whole design.
+    starts : int
+        Number of local searches, from the best points of the global one.
+    rng : numpy.random.Generator
+        Draws the part of the design and the first generation.
+    tell : Steps
+        Called after each stage of a local search.
+
+    Returns
+    -------
+    ndarray, shape (hyperparameter,)
+        The best hyper-parameters.
+    """
+    data = objective.data
+    order = rng.permutation(len(data.points))
+    parts = stage_sizes(len(data.points))[:-1]
+    stages = [objective.on(data.some(np.sort(order[:size]))) for size in parts] + [objective]
+    screening = objective.on(data.some(np.sort(order[:SCREENING_POINTS])))
+    bounds = objective.bounds
+    found = scipy.optimize.differential_evolution(
+        screening.values, bounds, init=_first_generation(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
+        vectorized=True, updating="deferred",
+    )  # fmt: skip
+    best, lowest = found.x, np.inf
+    for start in found.population[np.argsort(found.population_energies)[: max(starts, 1)]]:
+        place = scipy.optimize.minimize(screening, start, jac=True, method="L-BFGS-B", bounds=bounds).x
+        covariance = _inverse_curvature(screening, place)
+        runs = len(screening.data.points)
+        for stage in stages:
+            covariance = covariance * (runs / len(stage.data.points))
+            place, covariance, value = quasi_newton(stage, stage.bounds, place, covariance)
+            runs = len(stage.data.points)
+            tell()
+        if value < lowest:
+            best, lowest = place, value
+    return np.asarray(best)
+
+
+def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarray, tell: Steps) -> np.ndarray:
+    """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum.
+
+    Parameters
+    ----------
+    objective : HyperparameterObjective
+        The objective on the whole design.
+    start : ndarray, shape (hyperparameter,)
+        Where to start.
+    tell : Steps
+        Called once at the end.
+
+    Returns
+    -------
+    ndarray, shape (hyperparameter,)
+        The best hyper-parameters.
+    """
+    place = np.clip(start, *np.array(objective.bounds).T)
+    place, _, _ = quasi_newton(objective, objective.bounds, place, _inverse_curvature(objective, place))
+    tell()
+    return place
+
+
+def _inverse_curvature(objective: HyperparameterObjective, place: np.ndarray) -> np.ndarray:
+    """Inverse of the matrix of second derivatives, from differences of gradients; flat directions get a finite value."""
+    step = 1e-3
+    slopes = [
+        (objective(place + step * e)[1] - objective(place - step * e)[1]) / (2 * step) for e in np.eye(len(place))
+    ]
+    values, vectors = np.linalg.eigh(0.5 * (np.array(slopes) + np.array(slopes).T))
+    return np.asarray((vectors / np.maximum(values, 1.0)) @ vectors.T)
+
+
+def _first_generation(bounds: list[tuple[float, float]], count: int, rng: np.random.Generator) -> np.ndarray:
+    """First generation of the global search: a Latin hypercube sample within the bounds."""
+    low, high = np.array(bounds).T
+    return np.asarray(low + (high - low) * qmc.LatinHypercube(len(bounds), rng=rng).random(count))

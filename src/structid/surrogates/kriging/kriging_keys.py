@@ -1,0 +1,39 @@
+"""Keys of a study file that set a Kriging, alone or inside another surrogate."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from structid.surrogates.chaos.pce import PCE
+
+KRIGING_KEYS = {
+    "correlation": Literal["exponential", "matern32", "matern52", "gaussian"],
+    "separable": bool,
+    "nugget": float | Literal["estimate"],
+    "estimation": Literal["ml", "cv"],
+    "trend": Literal["constant", "linear", "quadratic", "pce"],
+    "starts": Annotated[int, Field(ge=1)],
+    "shared": bool,
+}
+"""Keys and their types; `Kriging` says what they mean."""
+
+
+def kriging_settings(given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Part the keys of a Kriging from others.
+
+    Parameters
+    ----------
+    given : dict
+        Keys and values.
+
+    Returns
+    -------
+    tuple of dict
+        Arguments of `Kriging`, and the other keys.
+    """
+    own = {key: value for key, value in given.items() if key in KRIGING_KEYS}
+    if own.get("trend") == "pce":
+        own["trend"] = PCE()
+    return own, {key: value for key, value in given.items() if key not in KRIGING_KEYS}

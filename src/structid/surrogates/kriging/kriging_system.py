@@ -1,0 +1,184 @@
+"""The Kriging system: the factorised correlation matrix of the runs and what follows from it for a set of outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from structid.surrogates.symmetric import inverse_of, raised_cholesky
+
+LARGEST_RAISED_NUGGET = 1e-5
+"""A nugget is raised up to this where rounding makes the matrix indefinite; beyond it the points are too close to interpolate."""
+
+SMALLEST_NUGGET = 1e-13
+"""Added to the diagonal if no nugget is requested, so that rounding does not make the matrix indefinite."""
+
+
+@dataclass(frozen=True, eq=False)
+class KrigingData:
+    """What a Kriging is fitted to.
+
+    Parameters
+    ----------
+    points : ndarray, shape (run, parameter)
+        Standardised points.
+    trend : ndarray, shape (run, term)
+        F, the terms of the trend there.
+    outputs : ndarray, shape (run, output)
+        y.
+    """
+
+    points: np.ndarray
+    trend: np.ndarray
+    outputs: np.ndarray
+
+    def some(self, rows: np.ndarray) -> KrigingData:
+        """Select some of the runs.
+
+        Parameters
+        ----------
+        rows : ndarray of int or bool
+            Which runs.
+
+        Returns
+        -------
+        KrigingData
+            Those runs.
+        """
+        return KrigingData(self.points[rows], self.trend[rows], self.outputs[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class KrigingFactors:
+    """The solved Kriging system of a correlation matrix C = R + nugget · I and a set of outputs.
+
+    With A = C⁻¹F and T = (FᵀC⁻¹F)⁻¹ the trend coefficients are β = T Aᵀ y and the weights w = C⁻¹(y − Fβ). With
+    Q = C⁻¹ − A T Aᵀ the leave-one-out residuals are eᵢ = (Qy)ᵢ/Qᵢᵢ with variances σ²/Qᵢᵢ (Dubrule 1983,
+    doi 10.1007/BF01033232).
+
+    Parameters
+    ----------
+    cholesky : ndarray, shape (run, run)
+        Lower Cholesky factor of C.
+    nugget : float
+        The nugget in C, after it was raised where rounding demanded it.
+    solved_trend : ndarray, shape (run, term)
+        A.
+    trend_covariance : ndarray, shape (term, term)
+        T.
+    coefficients : ndarray, shape (term, output)
+        β.
+    weights : ndarray, shape (run, output)
+        w.
+    leave_one_out_residuals : ndarray, shape (run, output)
+        e.
+    precision : ndarray, shape (run,)
+        Diagonal of Q.
+    likelihood_variance : ndarray, shape (output,)
+        σ² that maximises the likelihood.
+    """
+
+    cholesky: np.ndarray
+    nugget: float
+    solved_trend: np.ndarray
+    trend_covariance: np.ndarray
+    coefficients: np.ndarray
+    weights: np.ndarray
+    leave_one_out_residuals: np.ndarray
+    precision: np.ndarray
+    likelihood_variance: np.ndarray
+
+    @classmethod
+    def of(cls, data: KrigingData, matrix: np.ndarray, nugget: float) -> KrigingFactors:
+        """Factorise the correlation matrix and solve the system.
+
+        Parameters
+        ----------
+        data : KrigingData
+            The runs.
+        matrix : ndarray, shape (run, run)
+            R, their correlations.
+        nugget : float
+            The requested nugget.
+
+        Returns
+        -------
+        KrigingFactors
+            The solved system.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the points are too close for the matrix to be factorised.
+        """
+        cholesky, nugget = raised_correlation_cholesky(matrix, nugget)
+        solved_trend, trend_covariance, coefficients, weights = generalised_least_squares(data, cholesky)
+        inverse = inverse_of(cholesky)
+        precision = np.diag(inverse) - np.einsum("ij,jk,ik->i", solved_trend, trend_covariance, solved_trend)
+        error = data.outputs - data.trend @ coefficients
+        return cls(
+            cholesky,
+            nugget,
+            solved_trend,
+            trend_covariance,
+            coefficients,
+            weights,
+            weights / precision[:, None],  # Qy = C⁻¹(y − Fβ)
+            precision,
+            np.sum(error * weights, axis=0) / len(error),
+        )
+
+    @property
+    def cross_validated_variance(self) -> np.ndarray:
+        """σ² for which the standardised leave-one-out residuals have unit variance, shape (output,)."""
+        return np.asarray(np.mean(self.leave_one_out_residuals**2 * self.precision[:, None], axis=0))
+
+
+def raised_correlation_cholesky(matrix: np.ndarray, nugget: float) -> tuple[np.ndarray, float]:
+    """Factorise C = R + nugget · I; the nugget is raised where rounding demands it, up to a limit.
+
+    Parameters
+    ----------
+    matrix : ndarray, shape (run, run)
+        R.
+    nugget : float
+        The requested nugget.
+
+    Returns
+    -------
+    tuple of ndarray and float
+        Lower Cholesky factor of C, and the nugget in it.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is indefinite even with the largest nugget allowed.
+    """
+    nugget = max(nugget, SMALLEST_NUGGET)
+    return raised_cholesky(matrix, nugget, max(LARGEST_RAISED_NUGGET, 2.0 * nugget))
+
+
+def generalised_least_squares(
+    data: KrigingData, cholesky: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Solve generalised least squares for the trend: A = C⁻¹F, T = (FᵀA)⁻¹, β = T Aᵀy, w = C⁻¹(y − Fβ).
+
+    Parameters
+    ----------
+    data : KrigingData
+        The runs, with F and y.
+    cholesky : ndarray, shape (run, run)
+        Lower Cholesky factor of C.
+
+    Returns
+    -------
+    tuple of ndarray
+        A (run, term), T (term, term), β (term, output) and w (run, output).
+    """
+    solved_trend = scipy.linalg.cho_solve((cholesky, True), data.trend)
+    trend_covariance = np.linalg.inv(data.trend.T @ solved_trend)
+    coefficients = trend_covariance @ (solved_trend.T @ data.outputs)
+    weights = scipy.linalg.cho_solve((cholesky, True), data.outputs - data.trend @ coefficients)
+    return solved_trend, trend_covariance, coefficients, weights

@@ -1,0 +1,193 @@
+"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or one for each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from structid.errors import InputError, check_choice
+from structid.models.face import Progress
+from structid.probability.space import Design
+from structid.streams import Purpose, stream
+from structid.surrogates.chaos.multi_indices import multi_indices
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
+from structid.surrogates.kriging.correlations import FAMILIES
+from structid.surrogates.kriging.hyperparameters import (
+    HyperparameterObjective,
+    refined_hyperparameters,
+    search_hyperparameters,
+    stage_sizes,
+)
+from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFactors
+from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
+from structid.surrogates.progress import Steps
+from structid.surrogates.regression import check_training
+
+
+@dataclass(frozen=True)
+class Kriging:
+    """Settings of universal Kriging, f(θ) ≈ f(θ)ᵀβ + σ Z(θ) (thesis eq. 2.42, with σ for its σ²).
+
+    Parameters
+    ----------
+    trend : {"constant", "linear", "quadratic"} or PCE
+        The deterministic part; a `PCE` gives PC-Kriging (Schöbi, Sudret & Wiart 2015).
+    correlation : {"matern52", "matern32", "exponential", "gaussian"}
+        The correlation function.
+    separable : bool, optional
+        Whether the correlation is a product of one-dimensional correlations; otherwise it is a function of an ellipsoidal distance.
+        If left out, both are fitted and the smaller leave-one-out error decides.
+    nugget : float or "estimate"
+        Variance of the noise relative to that of the process; 0 interpolates.
+    estimation : {"ml", "cv"}
+        Whether the hyper-parameters are estimated by maximum likelihood or by leave-one-out cross-validation (thesis eq. 2.46).
+    shared : bool
+        Whether all outputs share one set of correlation lengths, where outputs of a larger scale count more; otherwise each output
+        has a set of its own.
+    starts : int
+        Number of gradient searches, from the best points of the global search.
+    seed : int
+        Seed of the global search.
+    """
+
+    trend: Literal["constant", "linear", "quadratic"] | PCE = "constant"
+    correlation: Literal["exponential", "matern32", "matern52", "gaussian"] = "matern52"
+    separable: bool | None = None
+    nugget: float | Literal["estimate"] = 0.0
+    estimation: Literal["ml", "cv"] = "ml"
+    shared: bool = True
+    starts: int = 1
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.trend, PCE):
+            check_choice("Kriging.trend", self.trend, ("constant", "linear", "quadratic"))
+        check_choice("Kriging.correlation", self.correlation, FAMILIES)
+        check_choice("Kriging.estimation", self.estimation, ("ml", "cv"))
+        if self.nugget != "estimate" and not (isinstance(self.nugget, (int, float)) and 0 <= self.nugget < np.inf):
+            raise InputError("Kriging.nugget", f"{self.nugget!r}", 'a number, 0 or more, or "estimate"')
+
+    def fit(
+        self,
+        design: Design,
+        values: np.ndarray,
+        progress: Progress | None = None,
+        start: KrigingPredictor | None = None,
+    ) -> KrigingPredictor:
+        """Fit a Kriging of one output or many.
+
+        Parameters
+        ----------
+        design : Design
+            Points, with their parameter space.
+        values : array-like, shape (run,) or (run, output)
+            The values of the function there.
+        progress : callable, optional
+            Called with the number of finished steps of the search for correlation lengths and the total.
+        start : KrigingPredictor, optional
+            A Kriging fitted to fewer points. The search starts from its correlation lengths, and there is no global search. It is
+            used only if all outputs share their lengths.
+
+        Returns
+        -------
+        KrigingPredictor
+            Predicts means and standard deviations at any point.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite, an output is constant, a point occurs twice and there is no nugget, or there are too few
+            runs for the trend.
+        """
+        theta, outputs = check_training("Kriging.fit", design, values)
+        if self.nugget == 0.0:
+            _check_distinct(theta)
+        groups = [np.arange(outputs.shape[1])] if self.shared else [np.array([k]) for k in range(outputs.shape[1])]
+        known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
+        forms = len(groups) * len(self._forms(theta))
+        tell = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
+        fitted = [self._fit_group(design, theta, outputs[:, group], group, known, tell) for group in groups]
+        return KrigingPredictor(design.space, tuple(fitted))
+
+    def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
+        """Values of `separable` to try: the one given, or both where they differ."""
+        forms = (False, True) if self.separable is None else (self.separable,)
+        return forms[:1] if self.correlation == "gaussian" or theta.shape[1] == 1 else forms
+
+    def _fit_group(
+        self,
+        design: Design,
+        theta: np.ndarray,
+        outputs: np.ndarray,
+        group: np.ndarray,
+        known: KrigingGroup | None,
+        tell: Steps,
+    ) -> KrigingGroup:
+        """Fit outputs that share a correlation; of its two forms the one with the smaller leave-one-out error is kept."""
+        trend = self._trend_basis(design, outputs)
+        if len(trend) >= len(theta):
+            raise InputError(
+                "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
+            )
+        candidates = [self._fit_form(theta, outputs, group, trend, form, known, tell) for form in self._forms(theta)]
+        return min(candidates, key=lambda c: float(np.sum(c.leave_one_out_residuals**2)))
+
+    def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
+        """Terms of the trend."""
+        space = design.space
+        if not isinstance(self.trend, PCE):
+            degree = {"constant": 0, "linear": 1, "quadratic": 2}[self.trend]
+            return PolynomialBasis(space, multi_indices(space.dimension, degree))
+        expansion = self.trend.fit(design, outputs)
+        # Many outputs may share a trend: keep the terms with most energy, and few enough to leave room for the process.
+        energy = np.sum(expansion.coefficients**2, axis=1)
+        most = max(1, min(len(energy), len(outputs) // 5))
+        return expansion.basis[np.sort(np.argsort(-energy)[:most])]
+
+    def _fit_form(
+        self,
+        theta: np.ndarray,
+        outputs: np.ndarray,
+        group: np.ndarray,
+        trend: PolynomialBasis,
+        separable: bool,
+        known: KrigingGroup | None,
+        tell: Steps,
+    ) -> KrigingGroup:
+        """Fit outputs with one form of the correlation."""
+        centre, scale = theta.mean(axis=0), theta.std(axis=0)
+        scale = np.where(scale > 0, scale, 1.0)
+        data = KrigingData((theta - centre) / scale, trend.evaluate(theta), outputs)
+        objective = HyperparameterObjective(data, self.correlation, separable, self.nugget, self.estimation)
+        if known is None:
+            best = search_hyperparameters(objective, self.starts, stream(self.seed, Purpose.KRIGING_SEARCH), tell)
+        else:
+            nugget = [np.log(known.factors.nugget)] * (self.nugget == "estimate")
+            best = refined_hyperparameters(objective, np.append(np.log(known.lengths / scale), nugget), tell)
+        try:
+            factors = KrigingFactors.of(data, objective.matrix(best), objective.diagonal(best))
+        except np.linalg.LinAlgError:
+            raise InputError(
+                "Kriging.fit", "points so close that they cannot be told apart", "points further apart, or a nugget",
+                'Estimate one: nugget="estimate".',
+            ) from None  # fmt: skip
+        return KrigingGroup(
+            self.correlation, separable, group, centre, scale, data.points, trend, best[: theta.shape[1]], factors
+        )
+
+
+def _check_distinct(theta: np.ndarray) -> None:
+    """Refuse points that occur twice."""
+    _, first, count = np.unique(theta, axis=0, return_index=True, return_counts=True)
+    if (count > 1).any():
+        row = int(first[np.argmax(count > 1)])
+        twin = np.flatnonzero((theta == theta[row]).all(axis=1))
+        raise InputError(
+            "Kriging.fit",
+            f"{int((count - 1).sum())} points that are there twice, such as rows {twin[0]} and {twin[1]}",
+            "distinct points",
+            'Leave the copies out, or give a nugget (nugget="estimate").',
+        )

@@ -1,0 +1,88 @@
+"""Kriging-NARX: a NARX whose coefficients are Kriging predictors over the parameters.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from structid.models.face import Progress
+from structid.runs import Runs
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
+from structid.surrogates.kriging.universal_kriging import Kriging
+from structid.surrogates.narx.narx_fit import NARXFit
+from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings
+
+
+@dataclass(frozen=True)
+class KrigingNARX(NARXSettings):
+    """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
+
+    With ``training="joint"`` the coefficients of each run are refined on its own free run, drawn towards those of the joint
+    training as far as the run does not determine them; what they differ by is interpolated. Alone, least squares leaves
+    collinear coefficients to wander, and no interpolation follows.
+
+    Parameters
+    ----------
+    kriging : Kriging
+        How the coefficients are interpolated.
+    refinements : int
+        Steps of the refinement.
+    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
+        As for `NARXSettings`.
+    """
+
+    kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))
+    refinements: int = 2
+
+    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
+        """Fit to runs on one record or several; see `PCNARX.fit`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts in the joint training; the same for all when left out.
+
+        Returns
+        -------
+        ParametricNARX
+            A model for these parameters and any record.
+        """
+        return NARXFit(self, runs, progress, weights=weights).kriging_narx(self.kriging, self.refinements)
+
+
+def from_keys(**given: Any) -> KrigingNARX:
+    """Make settings from the keys of a study file: those of the Kriging among them.
+
+    Parameters
+    ----------
+    **given
+        Keys and values.
+
+    Returns
+    -------
+    KrigingNARX
+        The settings.
+    """
+    kriging, others = kriging_settings(given)
+    return KrigingNARX(kriging=replace(KrigingNARX().kriging, **kriging), **others)
+
+
+KIND = SurrogateKind(
+    KrigingNARX,
+    ParametricNARX,
+    "kriging_narx",
+    {**NARX_KEYS, "refinements": Annotated[int, Field(ge=0)], **KRIGING_KEYS},
+    from_keys,
+)

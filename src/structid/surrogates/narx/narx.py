@@ -1,0 +1,85 @@
+"""NARX of one measured system: constant coefficients, identified from measured inputs and outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.errors import InputError, Status
+from structid.ground_motion.excitation import Excitation
+from structid.models.face import Progress
+from structid.probability.space import Design, ParameterSpace
+from structid.runs import InMemory, Runs
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.narx.narx_fit import NARXFit
+from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.narx.settings import NARXSettings
+
+
+@dataclass(frozen=True)
+class NARX(NARXSettings):
+    """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.
+
+    Parameters
+    ----------
+    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
+        As for `NARXSettings`; there are no parameters, so the degree does not matter.
+    """
+
+    def fit(
+        self,
+        excitations: Excitation | Sequence[Excitation],
+        responses: np.ndarray | Sequence[np.ndarray],
+        channels: Sequence[str] = ("displacement",),
+        progress: Progress | None = None,
+    ) -> ParametricNARX:
+        """Fit to one experiment or several.
+
+        Parameters
+        ----------
+        excitations : Excitation or sequence of Excitation
+            What drove the system; several inputs at once are a `CombinedExcitation`.
+        responses : array-like or sequence of array-like, shape (time,) or (time, channel)
+            What was measured, in SI, one for each excitation.
+        channels : sequence of str
+            Names of the channels.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+
+        Returns
+        -------
+        ParametricNARX
+            A model without free parameters; ``simulate(np.zeros((1, 0)), record)`` runs it.
+        """
+        if isinstance(excitations, Excitation):
+            excitations, responses = [excitations], [responses]  # type: ignore[list-item]
+        channels = (channels,) if isinstance(channels, str) else tuple(channels)
+        records = tuple(excitations)
+        measured = [np.asarray(r, dtype=np.float64) for r in responses]
+        if not records or len(records) != len(measured):
+            raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one to each")
+        samples = max(map(len, records))
+        values = np.full((len(records), samples, len(channels)), np.nan)
+        for row, (record, response) in enumerate(zip(records, measured, strict=True)):
+            if response.shape not in ((len(record),) * (len(channels) == 1), (len(record), len(channels))):
+                raise InputError(
+                    "NARX.fit",
+                    f"a response of shape {response.shape}",
+                    f"({len(record)}, {len(channels)}) as its excitation",
+                )
+            if not np.isfinite(response).all():
+                came = f"a response with {np.count_nonzero(~np.isfinite(response))} values that are not finite"
+                raise InputError(
+                    "NARX.fit", came, "finite numbers", "Cut or repair the measurement before handing it over."
+                )
+            values[row, : len(record)] = response.reshape(len(record), -1)
+        nothing = Design(np.zeros((len(records), 0)), ParameterSpace())
+        status = np.full(len(records), Status.DONE)
+        runs = Runs(nothing, records, channels, InMemory(values), status, np.arange(len(records)))
+        return NARXFit(self, runs, progress, fewest=1).pc_narx(PCE(degree=0))
+
+
+KIND = SurrogateKind(NARX, ParametricNARX)

@@ -1,0 +1,55 @@
+"""PC-NARX: a NARX whose coefficients are polynomial chaos expansions of the parameters.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.models.face import Progress
+from structid.runs import Runs
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.narx.narx_fit import NARXFit
+from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings
+
+
+@dataclass(frozen=True)
+class PCNARX(NARXSettings):
+    """Settings of a PC-NARX: a NARX whose coefficients are polynomial chaos expansions (thesis eq. 2.55).
+
+    Parameters
+    ----------
+    pce : PCE
+        For ``training="per-experiment"``: how the coefficients are expanded.
+    terms, memories, training, selection, most_terms, degree, horizons, steps, held_out, washout, limit, outside, seed
+        As for `NARXSettings`.
+    """
+
+    pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))
+
+    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
+        """Fit to runs on one record or several.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts in the joint training; the same for all when left out.
+
+        Returns
+        -------
+        ParametricNARX
+            A model for these parameters and any record.
+        """
+        return NARXFit(self, runs, progress, weights=weights).pc_narx(self.pce)
+
+
+KIND = SurrogateKind(PCNARX, ParametricNARX, "pc_narx", NARX_KEYS)

@@ -1,0 +1,139 @@
+"""Fitting principal components and their scores to runs, record by record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Protocol
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.models.face import Progress
+from structid.probability.space import Design
+from structid.runs import Runs
+from structid.surrogates.fit import (
+    Fit,
+    OutsideRule,
+    Stopwatch,
+    check_enough,
+    common_step,
+    fitted_range,
+    fitting_runs,
+    run_digests,
+)
+from structid.surrogates.pod.principal_components import principal_components
+from structid.surrogates.pod.record_fit import RecordFit
+from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+from structid.surrogates.progress import Stages
+from structid.surrogates.regression import Regression
+
+ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]
+"""Fits the scores on the record of a content hash."""
+
+
+class PODSettings(Protocol):
+    """What every kind of response-space surrogate is told."""
+
+    @property
+    def left_out_energy(self) -> float:
+        """Share of the variance that the components may leave out."""
+
+    @property
+    def limit(self) -> float:
+        """Largest mean relative error with which it may stand in a posterior."""
+
+    @property
+    def outside(self) -> OutsideRule:
+        """What happens beyond the range of the design."""
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """All settings, as JSON can say them."""
+
+
+def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
+    """Check runs that are yet to be made: enough on each record, all of one step.
+
+    Parameters
+    ----------
+    kind : str
+        The surrogate, for messages.
+    design : Design
+        Points of all runs.
+    records : sequence of Excitation
+        What will drive them, dealt out in turn.
+
+    Raises
+    ------
+    InputError
+        If no surrogate can be fitted to them.
+    """
+    common_step(f"{kind}.fit", records)
+    fewest = len(design) // len(records)
+    check_enough(f"{kind}.fit", fewest, f"{fewest} runs on each of {len(records)} records")
+
+
+def fit_records(
+    settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None
+) -> ResponseSpaceSurrogate:
+    """Fit principal components and a regression of their scores on every record.
+
+    Parameters
+    ----------
+    settings : PODSettings
+        A dataclass; its class names the surrogate.
+    regression : callable
+        Fits the scores on one record.
+    runs : Runs
+        Of the model it is to stand for; failed ones are left out.
+    progress : callable or None
+        Called with how many hundredths are done, and a hundred.
+
+    Returns
+    -------
+    ResponseSpaceSurrogate
+        A model for those records.
+    """
+    watch = Stopwatch()
+    kind = type(settings).__name__
+    done, left_out = fitting_runs(f"{kind}.fit", runs)
+    used = _by_record(done)
+    excitation, dt = common_step(f"{kind}.fit", [some.records[0] for some in used.values()])
+    fits: dict[str, RecordFit] = {}
+    stages = Stages(progress, dict.fromkeys(used, 1.0))
+    for content_hash, some in used.items():
+        check_enough(f"{kind}.fit", len(some), f"{len(some)} runs on '{some.records[0].name}'")
+        fits[content_hash] = _fit_record(some, regression, settings.left_out_energy, stages.of(content_hash))
+        stages.done(content_hash)
+    fit = Fit(
+        kind, settings.in_words, done.design.space, done.channels, excitation, dt,
+        *fitted_range(done.design), len(done), left_out,
+        float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds, run_digests(done),
+    )  # fmt: skip
+    return ResponseSpaceSurrogate(fit, fits)
+
+
+def _by_record(runs: Runs) -> dict[str, Runs]:
+    """Runs by the content of their record: one that is there twice is one."""
+    hashes = [r.content_hash for r in runs.records]
+    of_run = np.array([hashes.index(hashes[i]) for i in runs.record_of_run])
+    merged = replace(runs, record_of_run=of_run)
+    return {hashes[i]: merged.on(int(i)) for i in np.unique(of_run)}
+
+
+def _fit_record(runs: Runs, regression: ScoreRegression, left_out_energy: float, progress: Progress) -> RecordFit:
+    record = runs.records[0]
+    values = runs.values[:, : len(record)]
+    scale = values.std(axis=(0, 1))
+    if not scale.all():
+        still = runs.channels[int(np.argmin(scale))]
+        raise InputError(
+            "fit", f"the channel '{still}', constant in every run on '{record.name}'", "channels that vary"
+        )
+    table = (values / scale).reshape(len(values), -1)
+    mean, modes, scores, truncation = principal_components(table, left_out_energy)
+    predictor = regression(record.content_hash, runs.design, scores, progress)
+    deviation = np.sqrt(predictor.leave_one_out_error * scores.var(axis=0))
+    return RecordFit(record.name, len(record), mean, modes, truncation, scale, predictor, deviation)

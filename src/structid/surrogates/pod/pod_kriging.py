@@ -1,0 +1,123 @@
+"""POD-Kriging: principal components of the histories, each score a Kriging."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from structid.ground_motion.excitation import Excitation
+from structid.models.face import Progress
+from structid.probability.space import Design
+from structid.runs import Runs
+from structid.surrogates.fit import OutsideRule
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.kriging.universal_kriging import Kriging
+from structid.surrogates.pod.pod_fit import check_runs, fit_records
+from structid.surrogates.pod.principal_components import check_energy
+from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+
+
+@dataclass(frozen=True)
+class PODKriging:
+    """Settings: principal components of the histories, y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), each score a Kriging.
+
+    Parameters
+    ----------
+    kriging : Kriging
+        How the scores are interpolated. By default they share one correlation, weighted by their energy.
+    left_out_energy : float
+        Components are kept until they leave out this share of the variance.
+    limit : float
+        Largest mean relative error with which it may stand in a posterior.
+    outside : {"warn", "refuse", "allow"}
+        What to do with parameters beyond the range of the design.
+    """
+
+    kriging: Kriging = field(default_factory=Kriging)
+    left_out_energy: float = 1e-8
+    limit: float = 1e-2
+    outside: OutsideRule = "warn"
+
+    warm_start: ClassVar[bool] = True
+    weighted: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_energy(self.left_out_energy)
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """All settings, as JSON can say them."""
+        return asdict(self)
+
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
+        """Check the settings against runs that are yet to be made.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them, dealt out in turn.
+        channels : sequence of str
+            What they will return; any will do.
+
+        Raises
+        ------
+        InputError
+            If no surrogate can be fitted to them: too few on each record, or records of different steps.
+        """
+        check_runs("PODKriging", design, records)
+
+    def fit(
+        self, runs: Runs, progress: Progress | None = None, start: ResponseSpaceSurrogate | None = None
+    ) -> ResponseSpaceSurrogate:
+        """Fit to runs on one record or several.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+        start : ResponseSpaceSurrogate, optional
+            One fitted to some of these runs, whose correlation lengths the search starts from; see `Kriging.fit`.
+
+        Returns
+        -------
+        ResponseSpaceSurrogate
+            A model for those records.
+        """
+        known = {} if start is None else start.records
+
+        def regression(content_hash: str, design: Design, scores: np.ndarray, tell: Progress) -> KrigingPredictor:
+            before = known[content_hash].scores if content_hash in known else None
+            return self.kriging.fit(design, scores, tell, before if isinstance(before, KrigingPredictor) else None)
+
+        return fit_records(self, regression, runs, progress)
+
+
+def from_keys(**given: Any) -> PODKriging:
+    """Make settings from the keys of a study file: those of the Kriging among them.
+
+    Parameters
+    ----------
+    **given
+        Keys and values.
+
+    Returns
+    -------
+    PODKriging
+        The settings.
+    """
+    kriging, others = kriging_settings(given)
+    return PODKriging(kriging=Kriging(**kriging), **others)
+
+
+KIND = SurrogateKind(
+    PODKriging, ResponseSpaceSurrogate, "pod_kriging", {"left_out_energy": float, **KRIGING_KEYS}, from_keys
+)

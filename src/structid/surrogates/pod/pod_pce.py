@@ -1,0 +1,111 @@
+"""POD-PCE: principal components of the histories, each score a polynomial chaos expansion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from structid.ground_motion.excitation import Excitation
+from structid.models.face import Progress
+from structid.probability.space import Design
+from structid.runs import Runs
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.fit import OutsideRule
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.pod.pod_fit import check_runs, fit_records
+from structid.surrogates.pod.principal_components import check_energy
+from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+
+
+@dataclass(frozen=True)
+class PODPCE:
+    """Settings: principal components of the histories, each score a polynomial chaos expansion.
+
+    Parameters
+    ----------
+    pce : PCE
+        How the scores are expanded. By default with coefficients that shrink with the degree; sparse expansions of a hundred
+        scores take minutes and are a hundred times less accurate.
+    left_out_energy, limit, outside
+        As for `PODKriging`.
+    """
+
+    pce: PCE = field(default_factory=lambda: PCE(method="shrinkage"))
+    left_out_energy: float = 1e-8
+    limit: float = 1e-2
+    outside: OutsideRule = "warn"
+
+    warm_start: ClassVar[bool] = False
+    weighted: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_energy(self.left_out_energy)
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """All settings, as JSON can say them."""
+        return asdict(self)
+
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
+        """Check the settings against runs that are yet to be made; see `PODKriging.check`.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them, dealt out in turn.
+        channels : sequence of str
+            What they will return; any will do.
+        """
+        check_runs("PODPCE", design, records)
+        self.pce.check_runs(design.space.dimension, len(design) // len(records))
+
+    def fit(self, runs: Runs, progress: Progress | None = None) -> ResponseSpaceSurrogate:
+        """Fit to runs on one record or several; see `PODKriging.fit`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Told how far the fit is, in hundredths.
+
+        Returns
+        -------
+        ResponseSpaceSurrogate
+            A model for those records.
+        """
+        return fit_records(self, lambda _hash, design, scores, tell: self.pce.fit(design, scores, tell), runs, progress)
+
+
+def from_keys(**given: Any) -> PODPCE:
+    """Make settings from the keys of a study file: those of the expansion among them.
+
+    Parameters
+    ----------
+    **given
+        Keys and values.
+
+    Returns
+    -------
+    PODPCE
+        The settings.
+    """
+    own = {key: given.pop(key) for key in PCE_KEYS if key in given}
+    default = PODPCE().pce if not own else PCE()
+    return PODPCE(pce=replace(default, **own), **given)
+
+
+PCE_KEYS = {
+    "degree": int | tuple[int, ...],
+    "hyperbolic_norm": float | tuple[float, ...],
+    "interaction": Annotated[int, Field(ge=1)],
+    "method": Literal["sparse", "lars", "forward", "ols", "shrinkage"],
+}
+"""Keys of a study file that are the expansion's."""
+
+KIND = SurrogateKind(PODPCE, ResponseSpaceSurrogate, "pod_pce", {"left_out_energy": float, **PCE_KEYS}, from_keys)

@@ -1,0 +1,54 @@
+"""Principal components of histories (proper orthogonal decomposition)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.errors import InputError
+
+
+def check_energy(left_out: float) -> None:
+    """Refuse a share of the variance that is none.
+
+    Parameters
+    ----------
+    left_out : float
+        What principal components may leave out.
+
+    Raises
+    ------
+    InputError
+        If it is not in [0, 1).
+    """
+    if not 0 <= left_out < 1:
+        raise InputError("left_out_energy", f"{left_out}", "a share, 0 or more and below 1")
+
+
+def principal_components(
+    table: np.ndarray, left_out_energy: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Proper orthogonal decomposition by the singular value decomposition of the centred table.
+
+    Parameters
+    ----------
+    table : ndarray, shape (run, sample)
+        Histories.
+    left_out_energy : float
+        Share of the variance that may be left out.
+
+    Returns
+    -------
+    tuple of ndarray
+        Mean (sample,), orthonormal modes (component, sample), scores (run, component), and the standard deviation of what is
+        left out (sample,).
+    """
+    check_energy(left_out_energy)
+    mean = table.mean(axis=0)
+    left, singular, right = np.linalg.svd(table - mean, full_matrices=False)
+    energy = singular**2
+    beyond = energy.sum() - np.cumsum(energy)
+    # Components below rounding say nothing.
+    kept = 1 + int(np.count_nonzero(beyond > max(left_out_energy, 1e-14) * energy.sum()))
+    kept = min(kept, len(table) - 2)
+    rest = (left[:, kept:] * singular[kept:]) @ right[kept:]
+    return mean, right[:kept], left[:, :kept] * singular[:kept], np.sqrt(np.mean(rest**2, axis=0))

@@ -1,0 +1,63 @@
+"""What a response-space surrogate knows of one record: mean, modes, and a regression of the scores."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.surrogates.regression import Regression
+
+
+@dataclass(frozen=True, eq=False)
+class RecordFit:
+    """The surrogate on one record.
+
+    Parameters
+    ----------
+    name : str
+        Of the record.
+    samples : int
+        Its length.
+    mean : ndarray, shape (time · channel,)
+        Mean history, scaled.
+    modes : ndarray, shape (component, time · channel)
+        Orthonormal φ_k, scaled.
+    truncation : ndarray, shape (time · channel,)
+        Standard deviation over the design of what the components leave out, scaled.
+    scale : ndarray, shape (channel,)
+        SI value of one scaled unit.
+    scores : Regression
+        c_k(θ).
+    score_deviation : ndarray, shape (component,)
+        Root mean square of the leave-one-out residuals of each score.
+    """
+
+    name: str
+    samples: int
+    mean: np.ndarray
+    modes: np.ndarray
+    truncation: np.ndarray
+    scale: np.ndarray
+    scores: Regression
+    score_deviation: np.ndarray
+
+    @property
+    def error(self) -> float:
+        """Mean leave-one-out error relative to the histories' own spread."""
+        left_out = np.sum(self.score_deviation**2) + np.sum(self.truncation**2)
+        return float(left_out / self._mean_spread)
+
+    @property
+    def _mean_spread(self) -> float:
+        # Σ (y − ȳ)² over time, in the mean over the design: of the mean history, and of what varies about it.
+        shape = (self.samples, -1)
+        centred = self.mean.reshape(shape) - self.mean.reshape(shape).mean(axis=0)
+        modes = self.modes.reshape(len(self.modes), *centred.shape)
+        modes = modes - modes.mean(axis=1, keepdims=True)
+        variance = np.asarray(self._score_variance)
+        return float(np.sum(centred**2) + variance @ np.sum(modes**2, axis=(1, 2)))
+
+    @property
+    def _score_variance(self) -> np.ndarray:
+        return self.score_deviation**2 / np.maximum(self.scores.leave_one_out_error, 1e-300)

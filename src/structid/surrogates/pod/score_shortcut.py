@@ -1,0 +1,210 @@
+"""Likelihoods of measurements in the space of the scores, where sums over time are done beforehand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+
+from structid.device import jnp
+from structid.models.traceable import Shortcut
+from structid.surrogates.pod.record_fit import RecordFit
+
+
+class ScoreSource(Protocol):
+    """What gives the scores: a response-space surrogate."""
+
+    channels: tuple[str, ...]
+    records: dict[str, RecordFit]
+
+    def held_inside(self, theta: Any) -> Any:
+        """Move points outside the range of the design to its edge.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        jax.Array, shape (run, parameter)
+            Points inside.
+        """
+
+    def admitted(self, theta: Any) -> Any:
+        """Say which points a posterior may use.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        jax.Array of bool, shape (run,)
+            False has no density.
+        """
+
+    def scores_with_deviation(self, fit: RecordFit, theta: Any) -> tuple[Any, Any]:
+        """Scores and their standard deviations.
+
+        Parameters
+        ----------
+        fit : RecordFit
+            On which record.
+        theta : jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        tuple of jax.Array, shape (run, component)
+            Means and standard deviations.
+        """
+
+
+@dataclass(frozen=True)
+class ScoreShortcut(Shortcut):
+    """Measurements in the space of the scores: r = y − ȳ − Φᵀc = beyond − (c − nearest) Φ, summed over time beforehand.
+
+    Parameters
+    ----------
+    surrogate : ScoreSource
+        Whose scores.
+    identity : str
+        Content hash of the record.
+    inner : ndarray, shape (channel, component, component)
+        ΦΦᵀ.
+    left_out : ndarray, shape (channel,)
+        Variance that the components leave out, averaged over time.
+    samples : float
+        Length of the measurements.
+    nearest : ndarray, shape (channel, measurement, component)
+        Scores nearest to each measurement.
+    squares_beyond : ndarray, shape (channel, measurement)
+        ‖beyond‖².
+    levers_beyond : ndarray, shape (channel, measurement, component)
+        Φ beyond, which is zero but for rounding.
+    """
+
+    surrogate: ScoreSource
+    identity: str
+    inner: Any
+    left_out: Any
+    samples: Any
+    nearest: Any
+    squares_beyond: Any
+    levers_beyond: Any
+
+    def for_runs(self, measurement: Any) -> ScoreShortcut:
+        """Give each run a measurement of its own; see `Shortcut.for_runs`.
+
+        Parameters
+        ----------
+        measurement : jax.Array of int, shape (run,)
+            Which one.
+
+        Returns
+        -------
+        ScoreShortcut
+            Of as many measurements as there are runs.
+        """
+        return replace(
+            self,
+            nearest=self.nearest[:, measurement],
+            squares_beyond=self.squares_beyond[:, measurement],
+            levers_beyond=self.levers_beyond[:, measurement],
+        )
+
+    def squares(self, theta: Any) -> tuple[Any, Any]:
+        """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Sums (channel, run) and whether they are finite (run,).
+        """
+        scores = self._record.scores.predict(self.surrogate.held_inside(theta))
+        return self._squares(scores), jnp.isfinite(scores).all(axis=1) & self.surrogate.admitted(theta)
+
+    @property
+    def _record(self) -> RecordFit:
+        return self.surrogate.records[self.identity]
+
+    def _squares(self, scores: Any) -> Any:
+        """‖r‖², shape (channel, run)."""
+        gap = scores - self.nearest
+        return self.squares_beyond + ((gap @ self.inner - 2.0 * self.levers_beyond) * gap).sum(axis=2)
+
+    def _projected(self, scores: Any) -> Any:
+        """Φ r, shape (channel, run, component)."""
+        return self.levers_beyond - (scores - self.nearest) @ self.inner
+
+    def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
+        """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
+
+        Its modes are orthogonal, ΦΦᵀ = a²I, so that the covariance is diagonal in the space of the scores: with the scores'
+        variances s² and p = Φr/a it is σ² + a²s² along each mode, and σ² beyond them,
+
+            −½ [(T − K) log 2πσ² + Σ log 2π(σ² + a²s²) + (‖r‖² − ‖p‖²)/σ² + Σ p²/(σ² + a²s²)].
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        variance : jax.Array, shape (channel, run)
+            Of the independent errors; the mean variance that the components leave out is added.
+
+        Returns
+        -------
+        tuple of jax.Array, or None
+            Log density and whether it is finite (run,); None for several channels, whose modes are orthogonal only together.
+        """
+        if len(self.surrogate.channels) > 1:
+            return None
+        scale = self._record.scale[0]
+        scores, deviation = self.surrogate.scores_with_deviation(self._record, theta)
+        beyond = variance[0] + self.left_out[0]
+        along = beyond[:, None] + (scale * deviation) ** 2
+        projected = (self._projected(scores)[0] / scale) ** 2
+        along_log = jnp.log(2.0 * jnp.pi * along).sum(axis=1)
+        determinant = (self.samples - scores.shape[1]) * jnp.log(2.0 * jnp.pi * beyond) + along_log
+        squares = (self._squares(scores)[0] - projected.sum(axis=1)) / beyond + (projected / along).sum(axis=1)
+        density = -0.5 * (determinant + squares)
+        return density, jnp.isfinite(density) & self.surrogate.admitted(theta)
+
+
+jax.tree_util.register_dataclass(
+    ScoreShortcut,
+    data_fields=["inner", "left_out", "samples", "nearest", "squares_beyond", "levers_beyond"],
+    meta_fields=["surrogate", "identity"],
+)
+
+
+def nearest_scores(modes: np.ndarray, inner: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+    """Split a residual into what the modes reach and what is beyond them.
+
+    Parameters
+    ----------
+    modes : ndarray, shape (component, time)
+        Φ.
+    inner : ndarray, shape (component, component)
+        ΦΦᵀ.
+    residual : ndarray, shape (time,)
+        r.
+
+    Returns
+    -------
+    tuple of ndarray, float, ndarray
+        The scores nearest to r (component,), ‖beyond‖², and Φ beyond (component,).
+    """
+    # What is out of reach is left apart, so that a small misfit keeps its digits.
+    nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
+    beyond = residual - nearest @ modes
+    return nearest, beyond @ beyond, modes @ beyond

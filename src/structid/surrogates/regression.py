@@ -1,0 +1,152 @@
+"""Regressions of outputs on parameters: what every fitted one can do, and the check of the data it is fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.probability.space import Design
+
+FEWEST_TRAINING_RUNS = 3
+"""A regression needs at least this many runs."""
+
+
+class Regression(Protocol):
+    """A fitted regression of one output or many on the parameters, such as a polynomial chaos expansion or a Kriging.
+
+    Attributes
+    ----------
+    word : str
+        Names the class in files; `from_plain` of the class with this word reads what `to_plain` wrote.
+    """
+
+    word: ClassVar[str]
+
+    @property
+    def leave_one_out_error(self) -> np.ndarray:
+        """Mean squared leave-one-out residual relative to the variance of the output, shape (output,)."""
+
+    def predict(self, theta: Any) -> Any:
+        """Predict the outputs.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, output)
+            Means, of the same kind as `theta`.
+        """
+
+    def deviation(self, theta: Any) -> Any | None:
+        """Predict the standard deviation of the regression's own error at each point.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, output), or None
+            Standard deviations, of the same kind as `theta`; None if the regression has no error estimate that varies with the
+            point. `leave_one_out_error` then is all that is known of its error.
+        """
+
+    def predict_with_deviation(self, theta: Any) -> tuple[Any, Any | None]:
+        """Predict the outputs and the standard deviations of the regression's own error together.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        tuple of array, or of array and None, shape (run, output)
+            What `predict` and `deviation` return.
+        """
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Return the contents of the regression, without its parameter space, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can hold, and arrays.
+        """
+
+
+def check_training(where: str, design: Design, values: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Check the data a regression is fitted to.
+
+    Parameters
+    ----------
+    where : str
+        The function, for messages.
+    design : Design
+        Points.
+    values : array-like, shape (run,) or (run, output)
+        Outputs.
+
+    Returns
+    -------
+    tuple of ndarray
+        Points (run, parameter) and outputs (run, output).
+
+    Raises
+    ------
+    InputError
+        If the numbers of points and values differ, a value is not finite, or an output does not vary.
+    """
+    if not isinstance(design, Design):
+        raise InputError(
+            where, f"a {type(design).__name__}", "a Design: points with their space",
+            "Make one with space.sample(500, seed=1) or Design(points, space).",
+        )  # fmt: skip
+    theta = _checked_points(where, design.values, design.space.dimension, design.names)
+    outputs = np.asarray(values, dtype=np.float64)
+    outputs = outputs[:, None] if outputs.ndim == 1 else outputs
+    if outputs.ndim != 2 or len(outputs) != len(theta):
+        raise InputError(
+            where, f"values of shape {np.shape(values)} for {len(theta)} points", f"({len(theta)}, output)"
+        )
+    bad = np.flatnonzero(~np.isfinite(outputs).all(axis=1))
+    if len(bad):
+        raise InputError(
+            where, f"{len(bad)} rows that are not finite, the first of them row {bad[0]}", "finite numbers",
+            "Leave failed runs out.",
+        )  # fmt: skip
+    if len(theta) < FEWEST_TRAINING_RUNS:
+        raise InputError(where, f"{len(theta)} runs", f"{FEWEST_TRAINING_RUNS} or more")
+    _check_varying(where, outputs)
+    return theta, outputs
+
+
+def _checked_points(where: str, theta: Any, dimension: int, names: Sequence[str]) -> np.ndarray:
+    """Return points as an array if they have a column for each parameter and are finite."""
+    points = np.asarray(theta, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != dimension:
+        raise InputError(
+            where, f"points of shape {points.shape}", f"(run, {dimension}) with the columns {', '.join(names)}"
+        )
+    if not np.isfinite(points).all():
+        raise InputError(
+            where, f"{np.count_nonzero(~np.isfinite(points).all(axis=1))} points that are not finite", "finite numbers"
+        )
+    return points
+
+
+def _check_varying(where: str, outputs: np.ndarray) -> None:
+    ranges = np.ptp(outputs, axis=0)
+    constant = np.flatnonzero(ranges <= 1e-14 * np.abs(outputs).max(axis=0))
+    if len(constant):
+        raise InputError(
+            where, f"output {constant[0]}, which is {outputs[0, constant[0]]:g} in every run", "outputs that vary",
+            "Leave it out: there is nothing to fit.",
+        )  # fmt: skip

@@ -1,0 +1,41 @@
+"""Every class of fitted regression there is, by the word that files keep."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.probability.space import ParameterSpace
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.regression import Regression
+
+REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, KrigingPredictor)}
+"""A new class of regression is a line here."""
+
+
+def regression_from_plain(
+    word: str, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+) -> Regression:
+    """Make a regression again from what its `to_plain` gave.
+
+    Parameters
+    ----------
+    word : str
+        `Regression.word` of its class.
+    space : ParameterSpace
+        The parameters.
+    plain : mapping
+        What JSON can say.
+    arrays : mapping of str to ndarray
+        The arrays.
+
+    Returns
+    -------
+    Regression
+        The same regression.
+    """
+    found: Regression = REGRESSIONS[word].from_plain(space, plain, arrays)
+    return found
