@@ -41,7 +41,10 @@ def test_no_example_is_forgotten():
 
 
 @pytest.mark.rendered
-@pytest.mark.parametrize(("name", "limit"), [("FD_PG1_Almeida2012.csv", 0.10), ("FD_T11_Faella1992.csv", 0.12)])
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [("FD_PG1_Almeida2012.csv", 0.10), pytest.param("FD_T11_Faella1992.csv", 0.12, marks=pytest.mark.slow)],
+)
 def test_a_cyclic_test_is_fitted_in_displacement_driven_mode(shared_data, tmp_path, name, limit, capsys):
     unexplained = imported("cyclic_test").main(shared_data / "hysteresis" / name, tmp_path / "loops")
     with capsys.disabled():

@@ -44,7 +44,7 @@ def test_a_certified_study(tmp_path):
 
 def test_a_study_that_is_not_certified_says_so_and_goes_on_with_more_runs(tmp_path):
     """A surrogate far too smooth, and no budget to make it better; what rests on it is done again with the next one."""
-    budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160").replace("batch = 20", "batch = 70")
+    budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
     too_smooth = 'kind = "pod_kriging"\nnugget = 0.5\ncorrelation = "gaussian"'
     study = written(tmp_path, budget, too_smooth)
     searched = study.read_text().replace("methods = []", 'methods = ["interior_point"]\nstarts = 2')

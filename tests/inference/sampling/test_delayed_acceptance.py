@@ -169,19 +169,17 @@ def test_a_killed_chain_goes_on_to_the_same_bits(tmp_path):
         si.sample(Counted(), other, seed=4, store=tmp_path / "chains.h5")
 
 
+@pytest.mark.slow
 def test_a_posterior_and_its_surrogate(short_posterior):
     """A surrogate past its limit for standing in a posterior: the draws are the model's all the same."""
     model, record = short_posterior.model, short_posterior.observations[0].record
-    runs = si.Campaign(model, record, short_posterior.model_space.sample(100, seed=1, widen=2.0)).run()
-    quick = si.Kriging(separable=False, starts=1)
-    surrogate = si.PODKriging(kriging=quick, limit=1e-12).fit(runs)
+    runs = si.Campaign(model, record, short_posterior.model_space.sample(150, seed=1, widen=2.0)).run()
+    surrogate = replace(si.PODKriging(), limit=1e-12).fit(runs)
     with pytest.raises(InputError, match="in a posterior"):
         short_posterior.on(surrogate)
     settings = si.DelayedAcceptance(surrogate, steps=45, tuning=15)
     result = si.sample(short_posterior, settings, seed=1)
-    reference = si.sample(
-        short_posterior, si.SMC(particles=200, steps=20, effective_share=0.5, correlation=0.5), seed=2
-    )
+    reference = si.sample(short_posterior, si.SMC(particles=400, steps=40), seed=2)
     size = np.minimum(result.summary().columns["ess_bulk"], reference.summary().columns["ess_bulk"])
     assert (np.abs(result.mean - reference.mean) < 5.0 * reference.sd / np.sqrt(size)).all(), str(result.summary())
     assert result.cost.true_runs < 8000

@@ -106,7 +106,9 @@ def test_several_inputs_are_kept_with_their_runs_and_their_surrogate(two_forces,
 
 def test_predictions_ahead_of_what_was_measured(two_forces):
     excitation, response, channels = two_forces
-    surrogate = si.NARX(steps=0).fit(excitation, response, channels)
+    # Too few terms to be exact, so that there is something to go wrong.
+    few = {c: ["x1(t)", "x2(t)", f"y{i}(t-1)", f"y{i}(t-2)"] for i, c in enumerate(channels, 1)}
+    surrogate = si.NARX(terms=few, steps=0).fit(excitation, response, channels)
     wrong = response + 0.05 * response.std(axis=0) * np.random.default_rng(9).normal(size=response.shape)
     nothing = np.zeros((1, 0))
     error = lambda h: np.mean((h.values[0] - wrong) ** 2)  # noqa: E731
@@ -146,8 +148,8 @@ CYCLE = np.arange(800) * 0.02
 @pytest.mark.parametrize(
     ("channel", "excitation", "limit"),
     [
-        ("displacement", None, 1e-3),
-        ("relative_acceleration", None, 1e-3),
+        pytest.param("displacement", None, 1e-3, marks=pytest.mark.slow),
+        pytest.param("relative_acceleration", None, 1e-3, marks=pytest.mark.slow),
         ("restoring_force", si.DisplacementHistory(0.02 * np.sin(1.5 * CYCLE) * CYCLE / 16.0, 0.02), 1e-3),
     ],
 )
@@ -176,7 +178,14 @@ def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_
         si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)], ("velocity",))
 
 
-@pytest.mark.parametrize("kind", [si.PCNARX(degree=1, steps=6), si.KrigingNARX(degree=1, steps=6, refinements=1)])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        si.PCNARX(degree=1, steps=6),
+        pytest.param(si.KrigingNARX(degree=1, steps=6, refinements=1), marks=pytest.mark.slow),
+    ],
+    ids=["PCNARX", "KrigingNARX"],
+)
 def test_a_surrogate_too_plain_for_all_runs_suits_those_that_weigh(kind):
     record = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 8.0).scale_to_pga(3.0)
     space = si.ParameterSpace(gamma_ratio=si.Uniform(-0.8, 1.0), stiffness=si.Uniform(5.0, 9.0, unit="kN/mm"))
