@@ -12,7 +12,7 @@ from structid.report.section import Drawing, Picture, Rows, Section, Table
 from structid.runs import Runs
 
 
-def how_they_ended(runs: Runs) -> Rows:
+def _how_they_ended(runs: Runs) -> Rows:
     """How the runs of a campaign ended, what they cost, and why some failed."""
     rows = [[status.words, f"{count}", ""] for status, count in runs.counts.items() if count]
     seconds = runs.seconds[np.isfinite(runs.seconds) & (runs.seconds > 0)]
@@ -26,7 +26,7 @@ def how_they_ended(runs: Runs) -> Rows:
 
 
 def _tables(material: RunsMaterial) -> list[Table]:
-    return [] if material.runs is None else [Table("How they ended", how_they_ended(material.runs), of_words=True)]
+    return [] if material.runs is None else [Table("How they ended", _how_they_ended(material.runs), of_words=True)]
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:

@@ -1,4 +1,7 @@
-"""Candidate terms of a NARX: polynomial, absolute, exponential, Prony and hysteretic."""
+"""Candidate terms of a NARX: polynomial, absolute, exponential, Prony and hysteretic.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Compiled free runs of a NARX over a training set: errors, sensitivities, and the normal equations made of them."""
+"""Compiled free runs of a NARX over a training set: errors, sensitivities, and the normal equations made of them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

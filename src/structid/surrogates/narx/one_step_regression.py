@@ -1,4 +1,7 @@
-"""One-step regression of NARX coefficients: one step ahead the outputs are linear in them."""
+"""One-step regression of NARX coefficients: one step ahead the outputs are linear in them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The language of NARX terms: readable products of past inputs, outputs and memories."""
+"""The language of NARX terms: readable products of past inputs, outputs and memories.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

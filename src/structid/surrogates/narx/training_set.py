@@ -1,4 +1,7 @@
-"""Experiments in scaled signals, as the training of a NARX uses them."""
+"""Experiments in scaled signals, as the training of a NARX uses them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
