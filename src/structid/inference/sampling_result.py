@@ -336,8 +336,6 @@ class SamplingResult:
         draws = self.thinned(10_000)
         return float(stand_in.outside(np.asarray(self.target.model_parameters(draws))).mean())
 
-    # --- prediction ---------------------------------------------------------------------------------------------
-
     def predict(
         self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> predictive.Prediction:
