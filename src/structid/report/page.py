@@ -13,10 +13,10 @@ import numpy as np
 
 from structid.journal import write_then_rename
 from structid.models.face import Progress
+from structid.report import section_list
 from structid.report.head import posterior_table, run_table, sentence
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.section import Drawing, Picture, Section
-from structid.report.section_list import OF_RUNS
 from structid.report.tables import versions_table
 
 PAGE = "report.html"
@@ -159,7 +159,7 @@ def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, f
         title=material.title,
         sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
         runs=runs,
-        sections=_shown(draw(OF_RUNS, material, folder / "figures"), material, folder),
+        sections=_shown(draw(section_list.OF_RUNS, material, folder / "figures"), material, folder),
         settings=material.settings,
         run=versions_table(timings),
     )

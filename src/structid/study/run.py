@@ -16,11 +16,11 @@ from structid.optimize.minima import OptimizeResult
 from structid.report.material import RunsMaterial
 from structid.report.page import PAGE, write_runs_report
 from structid.runs import Runs
+from structid.study import stage_list
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
 from structid.study.folder import SCRATCH, SURROGATE, TIMINGS, claim, rebuilt, stored_study
 from structid.study.schema.study_file import StudyFile, read_study
-from structid.study.stage_list import PAGE_STAGE, STAGES
 from structid.study.stages.stage import Findings, Workplace
 from structid.study.timings import Stage, Timings, silent
 from structid.surrogates.face import Surrogate
@@ -193,7 +193,7 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
             study = replace(study, posterior=study.posterior.mapped_by(map_of_runs))
             warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in the verdict
         found = Findings(study, true_posterior=study.posterior)
-        for stage in (*STAGES, *([PAGE_STAGE] if place.page else [])):
+        for stage in (*stage_list.STAGES, *([stage_list.PAGE_STAGE] if place.page else [])):
             if stage.wanted(found):
                 found = stage.run(found, place)
     return StudyOutcome(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from structid.inference.sampling_result import SamplingResult
+from structid.report import section_list
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.page import draw, write_report, write_runs_report
-from structid.report.section_list import OF_A_CALIBRATION
 from structid.study.folder import FIGURES, POSTERIOR
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
@@ -53,7 +53,7 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
         calibration=found.calibration,
     )
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
-        drawn = draw(OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
+        drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
         result.to_netcdf(place.folder / POSTERIOR)
     write_report(material, drawn, place.folder, place.timings.seconds)
 
