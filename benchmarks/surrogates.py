@@ -20,8 +20,8 @@ import common
 import numpy as np
 
 import structid as si
+from structid.surrogates.narx.candidate_terms import absolute_terms
 from structid.surrogates.narx.narx_fit import NARXFit
-from structid.surrogates.narx.terms import absolute_terms
 from structid.surrogates.narx.training import refined_coefficients
 
 NAME = "surrogates"

@@ -26,7 +26,7 @@ _PUBLIC = {
     "GroundMotion": "ground_motion.record",
     "Gumbel": "probability.marginals",
     "Histories": "histories",
-    "IID": "inference.likelihood.discrepancy",
+    "IID": "inference.likelihood.independent",
     "InputError": "errors",
     "LogDensity": "inference.target",
     "LogNormal": "probability.marginals",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -39,7 +38,7 @@ class Histories:
         Name of the record.
     reasons : sequence of str, optional
         Why each run failed, empty where it did not.
-    units : mapping of str to ChannelUnit, optional
+    units : dict of str to ChannelUnit, optional
         Units of the channels; those of the standard names when left out.
     """
 
@@ -50,7 +49,7 @@ class Histories:
     failure_time: np.ndarray = field(default=None)  # type: ignore[arg-type]
     excitation: str = ""
     reasons: tuple[str, ...] = ()
-    units: Mapping[str, ChannelUnit] = field(default_factory=dict)
+    units: dict[str, ChannelUnit] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         values = np.asarray(self.values, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""An append-only journal on disk that survives a kill at any moment: every entry carries its length and checksum."""
+"""An append-only journal on disk that survives a kill at any moment, and hashes that identify its content."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ _FRAME = struct.Struct("<QI")  # payload length, CRC-32
 
 
 class Journal:
-    """A file of entries, each a dictionary of arrays, written so that a finished one is never lost.
+    """A file of entries, each a dictionary of arrays. An entry that was written completely is never lost.
 
-    An entry is on disk (``fsync``) before `append` returns. A last entry torn by a kill is recognised by its
-    length or checksum and cut off when the journal is opened again.
+    An entry is on disk (``fsync``) before `append` returns. Each entry has its length and checksum, so that a last entry
+    that a kill has left incomplete is recognised; the next entry overwrites it.
 
     Parameters
     ----------
     path : path-like
-        The file; it is made when it is not there.
+        The file; it is created with the first entry.
     identity : mapping
-        What the content depends on (hashes, seeds, settings). A file with another identity is refused.
+        Everything that the content depends on (hashes, seeds, settings). A file with another identity is refused.
     """
 
     def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
@@ -44,12 +44,12 @@ class Journal:
         if self.path.exists() and self.path.stat().st_size > 0:
             self._end = self._check()
         else:
-            self._end = 0  # made with its first entry, so that a run that never begins leaves nothing
+            self._end = 0  # created with the first entry, so that a campaign without a run leaves no file
 
     def _create(self) -> None:
         header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        # Write then rename: a journal either has its whole header or does not exist.
+        # Write, then rename: a journal either has a complete header or does not exist.
         write_then_rename(self.path, header)
         self._end = len(header)
 
@@ -60,14 +60,14 @@ class Journal:
                     f"store {self.path}",
                     "this file is not a structid journal",
                     "a journal or no file",
-                    "Name another store; this one is left as it is.",
+                    "Name another store; this file has not been changed.",
                 )
             header = _read_frame(file)
             if header is None:
                 raise InputError(
                     f"store {self.path}",
                     "its header is damaged",
-                    "a whole journal",
+                    "a complete journal",
                     "Move the file away and start again.",
                 )
             compare_identity(self.path, json.loads(header), self.identity)
@@ -78,7 +78,7 @@ class Journal:
         return end
 
     def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
-        """Copy a journal that is damaged in its middle: what a kill tears is the last entry alone, so entries would be lost."""
+        """Copy a journal that is damaged in its middle. A kill damages only the last entry; here later entries would be lost."""
         file.seek(end)
         head = file.read(_FRAME.size)
         if len(head) < _FRAME.size:
@@ -95,12 +95,12 @@ class Journal:
 
     @property
     def size(self) -> int:
-        """Bytes on disk."""
+        """Size on disk [byte]."""
         return self._end
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Journal:
-        """Open a journal whatever it belongs to, to read it.
+        """Open a journal with any identity, to read it.
 
         Parameters
         ----------
@@ -110,17 +110,17 @@ class Journal:
         Returns
         -------
         Journal
-            With the identity found in the file.
+            The journal, with the identity found in the file.
         """
         return cls(path, _identity_of(Path(path)))
 
     def remove(self) -> None:
-        """Delete the file; the next entry begins a new one."""
+        """Delete the file; the next entry starts a new one."""
         self.path.unlink(missing_ok=True)
         self._end = 0
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Put one entry on disk; it is safe there when this returns.
+        """Write one entry to disk; it is safe there when this returns.
 
         Parameters
         ----------
@@ -161,14 +161,14 @@ def _identity_of(path: Path) -> dict[str, Any]:
 
 
 def write_then_rename(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
+    """Write a file completely or not at all.
 
     Parameters
     ----------
     path : Path
-        Where it goes.
+        The file.
     content : bytes
-        What it holds.
+        Its content.
     """
     temporary = path.with_name(path.name + ".partial")
     with temporary.open("wb") as file:
@@ -209,14 +209,14 @@ def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
-    """Refuse a store that was made by something else, and say what differs.
+    """Refuse a store with another identity, and report what differs.
 
     Parameters
     ----------
     path : Path
         The store, for the message.
     found, expected : mapping
-        The identity in the file and the one asked for.
+        The identity in the file and the expected one.
 
     Raises
     ------
@@ -231,13 +231,13 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
         raise StoreMismatchError(
             f"store {path}",
             f"it belongs to another study: {what}",
-            "a store of this very study, or a new file",
-            f"Name another store or folder, or move this one away; it has not been touched.{solver}",
+            "a store of exactly this study, or a new file",
+            f"Name another store or folder, or move this one away; it has not been changed.{solver}",
         )
 
 
 def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
-    """Say in which keys two identities differ.
+    """List the keys in which two identities differ.
 
     Parameters
     ----------
@@ -254,12 +254,12 @@ def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[s
 
 
 def digest(*parts: Any) -> str:
-    """Short content hash of arrays and of anything JSON can say.
+    """Short content hash of arrays and of anything that JSON can represent.
 
     Parameters
     ----------
-    *parts : ndarray or JSON-able
-        What to hash, in order.
+    *parts : ndarray or JSON value
+        The parts to hash, in order.
 
     Returns
     -------
@@ -276,10 +276,10 @@ def digest(*parts: Any) -> str:
 
 
 def function_identity(function: Any) -> str:
-    """Hash of what a function does, as far as it can be told.
+    """Hash of what a function does, as far as this can be determined.
 
-    Its code, its defaults, what it closes over, and what it uses of its own module: other functions and classes there,
-    likewise, and numbers, texts and arrays. What it imports from elsewhere counts by name only.
+    The hash covers its code, its defaults, the variables of its closure, and everything that it uses from its own module:
+    other functions and classes, numbers, texts and arrays. Names imported from other modules count by name only.
 
     Parameters
     ----------
@@ -289,13 +289,13 @@ def function_identity(function: Any) -> str:
     Returns
     -------
     str
-        The same in every process; nothing of it depends on where the function lies in memory.
+        The hash. It is the same in every process, and does not depend on memory addresses.
     """
     return digest(_described(function, set()))
 
 
 def _described(value: Any, seen: set[int]) -> Any:
-    """Something JSON can say that stands for a value; `seen` ends recursions."""
+    """Represent a value by something that JSON can write; `seen` stops recursions."""
     if isinstance(value, (str, int, float, bool, type(None))):
         return value
     if isinstance(value, (bytes, complex)):
@@ -321,7 +321,7 @@ def _described(value: Any, seen: set[int]) -> Any:
         return sorted((_described(v, seen) for v in value), key=repr)
     if isinstance(value, Mapping):
         return {str(k): _described(v, seen) for k, v in value.items()}
-    if hasattr(value, "__array__"):  # NumPy's, JAX's, a table's
+    if hasattr(value, "__array__"):  # an array of NumPy or JAX, or a table
         return digest(np.asarray(value))
     if isinstance(value, types.ModuleType):
         return value.__name__
@@ -337,11 +337,11 @@ _NOT_BEHAVIOUR = (
     "__firstlineno__",
     "__static_attributes__",
 )
-"""Members of a class that say nothing of what it does."""
+"""Members of a class that have no effect on what it does."""
 
 
 def _described_object(value: Any, seen: set[int]) -> Any:
-    """Say what an object is and holds; one that knows better says it by ``identity``."""
+    """Represent the type and the content of an object; its attribute ``identity``, if it is a text, is used instead."""
     own = getattr(value, "identity", None)
     if isinstance(own, str):
         return own
@@ -358,7 +358,7 @@ def _described_object(value: Any, seen: set[int]) -> Any:
         for name in (slots,) if isinstance(slots, str) else slots:
             if name not in _NOT_BEHAVIOUR and hasattr(value, name):
                 state[name] = getattr(value, name)
-    # What is kept of a cached property depends on whether somebody has asked for it, and says nothing new.
+    # Whether a cached property is stored depends on earlier calls, and it holds no new information.
     state = {k: v for k, v in state.items() if not isinstance(getattr(type(value), k, None), functools.cached_property)}
     described = {k: _described(v, seen) for k, v in sorted(state.items())}
     return [_described(type(value), seen) if "__call__" in vars(type(value)) else type(value).__qualname__, described]
@@ -377,7 +377,7 @@ def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
 
 
 def _names_in(code: types.CodeType) -> set[str]:
-    """Global names a piece of code may use, those of functions inside it included."""
+    """Global names that a piece of code may use, including the functions inside it."""
     inner = [_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)]
     return set(code.co_names).union(*inner)
 
@@ -392,7 +392,7 @@ def _read_frame(file: io.BufferedReader) -> bytes | None:
         return None
     length, checksum = _FRAME.unpack(head)
     here = file.tell()
-    # A power cut may leave zeros, or half a length.
+    # A power failure may leave zeros, or an incomplete length.
     if length == 0 or length > file.seek(0, os.SEEK_END) - here:
         return None
     file.seek(here)

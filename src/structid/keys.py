@@ -1,12 +1,18 @@
-"""Types of a study file's numbers: a number in SI, or a text with a unit of the same dimension."""
+"""What tables of a study file are made of: strict tables, and numbers in SI or texts with a unit of the same dimension."""
 
 from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator
+from pydantic import BaseModel, BeforeValidator, ConfigDict
 
 from structid.units import to_si
+
+
+class Section(BaseModel):
+    """A table of the file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, protected_namespaces=())
 
 
 def quantity(unit: str) -> Any:

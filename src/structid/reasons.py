@@ -1,4 +1,4 @@
-"""The words of a failed run: put together where it fails, shortened and counted where it is shown."""
+"""The text that says why a run failed: composed where it fails, shortened and counted where it is shown."""
 
 from __future__ import annotations
 
@@ -12,46 +12,46 @@ _NUMBER = re.compile(
 
 
 def with_words(how: str, words: str) -> str:
-    """Say how a run ended, and what its solver said last.
+    """Combine how a run ended with the last output of its solver.
 
     Parameters
     ----------
     how : str
-        ``"exit code 3"``.
+        Such as ``"exit code 3"``.
     words : str
-        What it said; nothing is added where it said nothing.
+        Last output of the solver; nothing is added if it is empty.
 
     Returns
     -------
     str
-        ``"exit code 3; it last said: matrix is singular"``.
+        Such as ``"exit code 3; it last said: matrix is singular"``.
     """
     return f"{how}{_LAST_SAID}{words}" if words and _LAST_SAID not in how else how
 
 
 def general_reason(reason: str) -> str:
-    """Make reasons that differ in their numbers and places alike, so that they can be counted.
+    """Remove numbers and paths from a reason, so that equal reasons can be counted.
 
     Parameters
     ----------
     reason : str
-        ``"not finite from 3.41 s on"``.
+        Such as ``"not finite from 3.41 s on"``.
 
     Returns
     -------
     str
-        ``"not finite from … s on"``, one line.
+        Such as ``"not finite from … s on"``, one line.
     """
     return _NUMBER.sub("…", short_reason(_PLACE.sub("", reason)))
 
 
 def short_reason(reason: str) -> str:
-    """Put a reason on one line: how the run ended, and the last line the solver said.
+    """Shorten a reason to one line: how the run ended, and the last line of the solver's output.
 
     Parameters
     ----------
     reason : str
-        Up to a page of it.
+        The reason, up to a page long.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Runs of a model: design, records, histories and what became of each; a campaign leaves them, a surrogate is fitted to them."""
+"""Runs of a model: design, records, histories and status. A campaign produces them, a surrogate is fitted to them."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy as np
 
 from structid.channels import standard_unit
 from structid.errors import InputError, Status, check_choice
+from structid.figures import runs as figures
 from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
 from structid.probability.space import Design
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Values(Protocol):
-    """Histories that may lie on disk."""
+    """Histories in memory or on disk."""
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -33,29 +34,29 @@ class Values(Protocol):
         ...
 
     def read(self, rows: np.ndarray) -> np.ndarray:
-        """Bring some runs into memory.
+        """Read the histories of some runs into memory.
 
         Parameters
         ----------
         rows : ndarray of int, shape (n,)
-            Which.
+            Numbers of the runs.
 
         Returns
         -------
         ndarray, shape (n, time, channel)
-            In SI.
+            Histories in SI.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class InMemory:
-    """Histories in memory, with the face of those on disk.
+    """Histories in memory, with the same interface as those on disk.
 
     Parameters
     ----------
     array : ndarray, shape (run, time, channel)
-        In SI.
+        Histories in SI.
     """
 
     array: np.ndarray
@@ -67,49 +68,50 @@ class InMemory:
         return runs, samples, channels
 
     def read(self, rows: np.ndarray) -> np.ndarray:
-        """Return some runs; see `Values.read`.
+        """Return the histories of some runs; see `Values.read`.
 
         Parameters
         ----------
         rows : ndarray of int, shape (n,)
-            Which.
+            Numbers of the runs.
 
         Returns
         -------
         ndarray, shape (n, time, channel)
-            In SI.
+            Histories in SI.
         """
-        return self.array[rows]
+        histories: np.ndarray = self.array[rows]
+        return histories
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """Runs of one model over a design, on one record or several; histories stay on disk until they are asked for.
+    """Runs of one model over a design, on one or several records. Histories stay on disk until they are needed.
 
     Parameters
     ----------
     design : Design
-        The points, with their space.
+        The points and their space.
     records : sequence of Excitation
         The records.
     channels : sequence of str
         Names of the channels.
     stored : Values
-        The histories; NaN beyond a failure, beyond the end of a shorter record, and of a run that is pending.
+        The histories; NaN after a failure, after the end of a shorter record, and for a pending run.
     status : ndarray of int, shape (run,)
-        A `Status` for each.
+        The `Status` of each run.
     record_of_run : ndarray of int, shape (run,), optional
-        Which record drove it; the first when left out.
+        Number of the record of each run; the first record by default.
     reasons : sequence of str, optional
-        Why it failed.
+        Why each run failed.
     failure_time, seconds : ndarray, shape (run,), optional
         Time of failure [s], wall time [s].
     attempts : ndarray of int, shape (run,), optional
-        How often it was tried.
+        Number of attempts of each run.
     finished : ndarray, shape (run,), optional
-        When it ended, seconds of the epoch; NaN where that is not known.
+        When each run ended, in seconds since the epoch; NaN if not known.
     path : Path, optional
-        The file they lie in, if they lie in one.
+        The file of the runs, if all are in one file.
     """
 
     design: Design
@@ -146,7 +148,7 @@ class Runs:
 
     @classmethod
     def from_histories(cls, design: Design, histories: Histories, record: Excitation) -> Runs:
-        """Put together what `Model.simulate` was given and what it returned.
+        """Combine the arguments of `Model.simulate` with its result.
 
         Parameters
         ----------
@@ -155,12 +157,12 @@ class Runs:
         histories : Histories
             The responses.
         record : Excitation
-            What drove them all.
+            The record of all runs.
 
         Returns
         -------
         Runs
-            In memory.
+            The runs, in memory.
         """
         return cls(
             design, (record,), histories.channels, InMemory(histories.values), histories.status,
@@ -172,22 +174,23 @@ class Runs:
 
     @property
     def done(self) -> np.ndarray:
-        """Which runs reached their end, shape (run,)."""
-        return self.status == Status.DONE
+        """Whether each run reached its end, shape (run,)."""
+        done: np.ndarray = self.status == Status.DONE
+        return done
 
     @property
     def counts(self) -> dict[Status, int]:
-        """How many runs ended how; every status is there."""
+        """Number of runs with each status, zeros included."""
         return {status: int(np.count_nonzero(self.status == status)) for status in Status}
 
     @property
     def failures(self) -> list[tuple[str, int]]:
-        """Reasons of failure, each with how many runs it stopped, the commonest first; numbers in them made alike."""
+        """Reasons of failure without their numbers, each with its number of runs, the most common first."""
         return Counter(general_reason(r) for r in self.reasons if r).most_common()
 
     @property
     def rate(self) -> float:
-        """Runs ended per second, over the last hundred of them; NaN if that is not known."""
+        """Number of runs that ended per second, over the last hundred; NaN if not known."""
         last = np.sort(self.finished[np.isfinite(self.finished)])[-100:]
         return float((len(last) - 1) / (last[-1] - last[0])) if len(last) > 1 and last[-1] > last[0] else float("nan")
 
@@ -197,22 +200,23 @@ class Runs:
         return self.stored.read(np.arange(len(self)))
 
     def channel(self, name: str) -> np.ndarray:
-        """Bring one channel of every run into memory.
+        """Read one channel of every run into memory.
 
         Parameters
         ----------
         name : str
-            The channel.
+            Name of the channel.
 
         Returns
         -------
         ndarray, shape (run, time)
-            In SI.
+            Histories in SI.
         """
-        return self.values[:, :, self.channels.index(check_choice("channel", name, self.channels))]
+        histories: np.ndarray = self.values[:, :, self.channels.index(check_choice("channel", name, self.channels))]
+        return histories
 
     def __getitem__(self, rows: Any) -> Runs:
-        """Some of the runs, in the order asked for; nothing is read."""
+        """Some of the runs, in the given order; no history is read."""
         index = np.atleast_1d(np.arange(len(self))[rows])
         return replace(
             self,
@@ -229,7 +233,7 @@ class Runs:
         )
 
     def __add__(self, more: Runs) -> Runs:
-        """These runs and then others of the same model, space and records, all in memory."""
+        """These runs followed by others of the same model, space and records, all in memory."""
         if self.channels != more.channels or [r.content_hash for r in self.records] != [
             r.content_hash for r in more.records
         ]:
@@ -248,12 +252,12 @@ class Runs:
         Parameters
         ----------
         record : int or str
-            Its place in `records`, or its name.
+            Its number in `records`, or its name.
 
         Returns
         -------
         Runs
-            Those runs, with that record alone.
+            Its runs, with this record alone.
         """
         names = [r.name for r in self.records]
         if isinstance(record, str) and record not in names:
@@ -263,28 +267,28 @@ class Runs:
         return replace(some, records=(self.records[index],), record_of_run=np.zeros(len(some), dtype=int))
 
     def batches(self, size: int = 256) -> Iterator[Runs]:
-        """Go through the runs a batch at a time, so that memory does not grow with their number.
+        """Iterate over batches of runs, so that the memory needed does not grow with the number of runs.
 
         Parameters
         ----------
         size : int
-            Runs in a batch.
+            Number of runs in a batch.
 
         Yields
         ------
         Runs
-            The next ones.
+            The next batch.
         """
         for start in range(0, len(self), size):
             yield self[start : start + size]
 
     def histories(self) -> Histories:
-        """Bring the histories into memory, those of one record or of records that are sampled alike.
+        """Read the histories into memory; all records must have the same step and length.
 
         Returns
         -------
         Histories
-            One row a run.
+            One row for each run.
 
         Raises
         ------
@@ -297,21 +301,21 @@ class Runs:
                 "Runs.histories",
                 "records of different steps or lengths",
                 "runs on one record",
-                "Choose with Runs.on(record).",
+                "Choose a record with Runs.on(record).",
             )
         values = self.values[:, : len(used[0])]
         name = ", ".join(r.name for r in used)
         return Histories(values, used[0].dt, self.channels, self.status, self.failure_time, name, self.reasons)
 
     def to_xarray(self) -> xarray.Dataset:
-        """Give everything as an xarray Dataset; runs in a file stay there until they are used.
+        """Return everything as an xarray Dataset; runs in a file are read when they are used.
 
         Returns
         -------
         xarray.Dataset
             Dimensions run, time, channel, parameter, record.
         """
-        import xarray
+        import xarray  # slow to import
 
         if self.path is not None:
             return xarray.open_dataset(self.path, engine="h5netcdf")
@@ -338,23 +342,21 @@ class Runs:
         )
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the spread of the responses, and where in parameter space runs failed.
+        """Draw bands of the responses, and where in parameter space runs failed.
 
         Parameters
         ----------
         save : path-like, optional
-            Where to save it, without ending: PNG and PDF are written.
+            File name without extension; a PNG and a PDF are written.
 
         Returns
         -------
         matplotlib.figure.Figure
             The figure.
         """
-        from structid.figures import runs as figures
-
         done = np.flatnonzero(self.done)
         shown = self[done[np.linspace(0, len(done) - 1, min(len(done), figures.SHOWN)).astype(int)]]
-        # Of several records the first that has runs: histories on different records have no common band.
+        # With several records, the first that has runs: histories on different records have no common band.
         numbers = np.unique(shown.record_of_run)
         shown = shown.on(int(numbers[0])) if len(numbers) else shown
         record = shown.records[0]
@@ -377,15 +379,15 @@ class Runs:
             f"{len(self)} runs on {len(self.records)} record{'s' if len(self.records) > 1 else ''}, "
             f"{self.stored.shape[1]} samples of {', '.join(self.channels)}"
         ]
-        told = [f"{count} {status.words}" for status, count in self.counts.items() if count]
-        lines.append("  " + ", ".join(told))
+        counts = [f"{count} {status.words}" for status, count in self.counts.items() if count]
+        lines.append("  " + ", ".join(counts))
         lines += [f"  {count:6d} x {reason}" for reason, count in self.failures[:10]]
         return "\n".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
 class _Some:
-    """Some rows of histories that may lie on disk."""
+    """Some rows of histories in memory or on disk."""
 
     whole: Values
     rows: np.ndarray
@@ -399,26 +401,26 @@ class _Some:
 
 
 def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> np.ndarray:
-    """Say which record drives each run.
+    """Number of the record that drives each run.
 
     Parameters
     ----------
     records : sequence of Excitation
         The records.
     assignment : None, "cycle", or sequence of int or str
-        ``"cycle"`` deals the records out in turn; a sequence names one for each run.
+        ``"cycle"`` takes the records in turn; a sequence gives the number or name of one for each run.
     runs : int
-        How many runs.
+        Number of runs.
 
     Returns
     -------
     ndarray of int, shape (run,)
-        Places in `records`.
+        Numbers of the records, from 0.
 
     Raises
     ------
     InputError
-        If there are several records and it is not said, or not for every run.
+        If there are several records and `assignment` is missing or does not cover every run.
     """
     if assignment is None and len(records) == 1:
         return np.zeros(runs, dtype=int)
@@ -435,7 +437,7 @@ def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) ->
         )
         raise InputError(
             "assignment", f"{came} for {runs} runs on {len(records)} records", '"cycle", or a record for each run',
-            "Say which record drives which run, by place or by name.",
+            "Give the record of each run, by number or by name.",
         )  # fmt: skip
     numbers = np.empty(runs, dtype=int)
     for i, which in enumerate(assignment):

@@ -1,4 +1,4 @@
-"""Physical units at the border: ``"7.6 kN/mm"`` to SI and back; inside the library every array is SI."""
+"""Physical units of inputs and outputs: ``"7.6 kN/mm"`` to SI and back. All arrays inside the library are in SI."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from typing import Any
 from structid.errors import InputError
 
 STANDARD_GRAVITY = 9.80665
-"""m/s² in one g, as PEER and ISO 80000-3 define it."""
+"""One g [m/s²], as defined by PEER and ISO 80000-3."""
 
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
 @functools.cache
 def _registry() -> Any:
-    import pint
+    import pint  # slow to import
 
     registry = pint.UnitRegistry(cache_folder=None)
-    # Engineers write g for gravity and 1/mm, kN/mm for stiffness; grams have no use here.
+    # In structural engineering g means gravity; grams are not needed.
     registry.define(f"gravity_g = {STANDARD_GRAVITY} * meter / second ** 2")
     return registry
 
 
 def _clean(unit: str) -> str:
     text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
-    # A lone g is gravity; "kg" and the like are left alone.
+    # A single g means gravity; "kg" and similar units stay as they are.
     return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
 
 
@@ -42,9 +42,9 @@ def _si_quantity(unit: str) -> Any:
     except Exception as cause:
         raise InputError(
             f"unit '{unit}'",
-            "it is not a unit structid knows",
+            "it is not a unit that structid knows",
             "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
-            "Check the spelling; an exponent is written m^2 or m**2.",
+            "Check the spelling; write exponents as m^2 or m**2.",
         ) from cause
 
 
@@ -54,7 +54,7 @@ def factor(unit: str) -> float:
     Parameters
     ----------
     unit : str
-        A unit such as ``"kN/mm"``; empty for a pure number.
+        A unit such as ``"kN/mm"``; empty for a dimensionless number.
 
     Returns
     -------
@@ -108,14 +108,14 @@ def same_dimension(unit: str, other: str) -> bool:
 
 
 def to_si(value: float | str, unit: str, where: str = "value") -> float:
-    """Turn a number or a text such as ``"7.6 kN/mm"`` into SI.
+    """Convert a number, or a text such as ``"7.6 kN/mm"``, to SI.
 
     Parameters
     ----------
     value : float or str
-        A bare number is taken to be in `unit`; a text carries its own unit.
+        A number is in `unit`; a text has its own unit.
     unit : str
-        The expected unit: it gives the dimension to check against.
+        The expected unit, which the unit of a text must have the same dimension as.
     where : str
         The key or argument, for the message.
 
@@ -127,7 +127,7 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
     Raises
     ------
     InputError
-        If the text is no quantity, or one of another dimension.
+        If the text is not a quantity, or has another dimension.
     """
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
@@ -144,18 +144,18 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
             where,
             f"'{value}' has the unit '{own}'",
             f"a unit that measures the same as '{unit or 'a pure number'}'",
-            "Correct the unit, or leave it out to mean the expected one.",
+            "Correct the unit, or leave it out to use the expected one.",
         )
     return number * factor(own)
 
 
 def label(name: str, unit: str) -> str:
-    """Name and unit as an axis or table shows them, ``"stiffness [kN/mm]"``.
+    """Name and unit as axes and tables show them, ``"stiffness [kN/mm]"``.
 
     Parameters
     ----------
     name, unit : str
-        The name and its unit; an empty unit leaves the brackets out.
+        The name and its unit; no brackets if the unit is empty.
 
     Returns
     -------

@@ -116,7 +116,7 @@ def test_docstrings_agree_with_signatures(name):
         signature = inspect.signature(thing)
     hidden = {"self", "cls", "args", "kwargs"}
     expected = [n for n in signature.parameters if n not in hidden and not n.startswith("_")]
-    if name.startswith("structid.cli"):
+    if name == "structid.cli.about" or re.fullmatch(r"structid\.commands\.(\w+)\.\1", name):
         return  # the options document themselves in --help
     documented = documented_parameters(doc)
     missing = [n for n in expected if n not in documented]

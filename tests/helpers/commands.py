@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 
 from structid import cli
+from structid.commands import screen
 
 
 @dataclass(frozen=True)
@@ -20,10 +21,10 @@ class Called:
 
 def structid(*arguments, cwd):
     """Call ``structid ARGUMENT…`` in a folder, on a terminal 200 characters wide."""
-    said, complained, before = io.StringIO(), io.StringIO(), (sys.argv, cli.screen.width, cli.errors.width)
+    said, complained, before = io.StringIO(), io.StringIO(), (sys.argv, screen.screen.width, screen.errors.width)
     on_kill = signal.getsignal(signal.SIGTERM)
     sys.argv = ["structid", *map(str, arguments)]
-    cli.screen.width = cli.errors.width = 200
+    screen.screen.width = screen.errors.width = 200
     code = 0
     try:
         with contextlib.chdir(cwd), contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained):
@@ -31,6 +32,6 @@ def structid(*arguments, cwd):
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     finally:
-        sys.argv, cli.screen.width, cli.errors.width = before
+        sys.argv, screen.screen.width, screen.errors.width = before
         signal.signal(signal.SIGTERM, on_kill)
     return Called(code, said.getvalue(), complained.getvalue())

@@ -1,8 +1,8 @@
 """The packaged study as other studies are made of it: without a surrogate, on five or six seconds of its record."""
 
-from structid import cli
+from structid.study import packaged
 
-PACKAGED = cli.template("bouc_wen")
+PACKAGED = packaged.template("bouc_wen")
 
 
 def _without(text: str, table: str) -> str:

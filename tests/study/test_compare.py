@@ -8,8 +8,8 @@ import pytest
 from structid import cli
 from structid.errors import InputError
 from structid.study.compare import compare_studies
-from structid.study.replicas import check_by_simulation
 from structid.study.run import run_study
+from structid.study.simulated_replicas import check_by_simulation
 from studies import PACKAGED, PLAIN, shortened
 
 QUICK = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n'

@@ -7,14 +7,14 @@ import pytest
 
 import structid as si
 from commands import structid
-from structid import cli
 from structid.errors import InputError, Status
+from structid.study import packaged
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN
 
-SOLVER = cli.SOLVERS["external"]
+SOLVER = packaged.SOLVERS["external"]
 STUDY = (
-    cli.template("external")
+    packaged.template("external")
     .replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "5 s"]')
     .replace("runs = 200", "runs = 12")
     .replace("walkers = 16", "walkers = 8")
@@ -25,7 +25,7 @@ RUNS_ONLY = STUDY[: STUDY.index("[observation]")]
 
 @pytest.fixture
 def folder(tmp_path):
-    (tmp_path / SOLVER).write_text(cli.template(SOLVER))
+    (tmp_path / SOLVER).write_text(packaged.template(SOLVER))
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "runs.toml").write_text(RUNS_ONLY)
     return tmp_path
@@ -147,7 +147,7 @@ def test_neither_measured_nor_run(folder):
 
 def test_a_changed_solver_is_another_study(folder):
     run_study(folder / "runs.toml", folder / "out")
-    (folder / SOLVER).write_text(cli.template(SOLVER).replace("0.03", "0.05"))
+    (folder / SOLVER).write_text(packaged.template(SOLVER).replace("0.03", "0.05"))
     # The file is imported once in a process, so the change is seen by the next one.
     refused = structid("run", "runs.toml", "--out", "out", "--resume", cwd=folder)
     assert refused.returncode == 2 and "belongs to another study" in refused.stderr
@@ -187,7 +187,7 @@ def test_new_writes_the_solver_too_and_never_over_one(tmp_path):
 
 
 def test_check_tries_the_solver(folder):
-    (folder / SOLVER).write_text(cli.template(SOLVER).replace("    damping = ", "    damping = undefined * "))
+    (folder / SOLVER).write_text(packaged.template(SOLVER).replace("    damping = ", "    damping = undefined * "))
     told = structid("check", "study.toml", cwd=folder)
     assert told.returncode == 2
     assert "its trial run failed: NameError: name 'undefined' is not defined (external_solver.py, line" in told.stderr

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commands import structid
-from structid import cli
+from structid.study import packaged
 from structid.study.run import load, report_again, run_study
 from studies import SMALL
 
@@ -43,7 +43,7 @@ def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):
 
 
 def test_check_says_what_room_a_calibration_has(tmp_path):
-    (tmp_path / "tight.toml").write_text(cli.template("bouc_wen").replace("true_runs = 500", "true_runs = 340"))
+    (tmp_path / "tight.toml").write_text(packaged.template("bouc_wen").replace("true_runs = 500", "true_runs = 340"))
     told = structid("check", "tight.toml", cwd=tmp_path).stdout
     assert "room for 1 x 40 more" in told and "calibration.true_runs = 460" in told
 

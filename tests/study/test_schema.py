@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid import cli
 from structid.errors import InputError
-from structid.study.build import build
+from structid.study import packaged
+from structid.study.building.study import build
 from structid.study.run import load, run_study
-from structid.study.schema import StudyErrors, parse_study
+from structid.study.schema.problems import StudyErrors
+from structid.study.schema.study_file import parse_study
 from studies import SMALL
 
 
@@ -22,11 +23,11 @@ def small(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("name", cli.TEMPLATES)
+@pytest.mark.parametrize("name", packaged.TEMPLATES)
 def test_every_packaged_study_builds(name, tmp_path):
-    content = tomllib.loads(cli.template(name))
-    if name in cli.SOLVERS:
-        (tmp_path / cli.SOLVERS[name]).write_text(cli.template(cli.SOLVERS[name]))
+    content = tomllib.loads(packaged.template(name))
+    if name in packaged.SOLVERS:
+        (tmp_path / packaged.SOLVERS[name]).write_text(packaged.template(packaged.SOLVERS[name]))
     built = build(parse_study(content), tmp_path)
     assert np.isfinite(built.posterior.log_density(built.posterior.space.sample(2, seed=1).values)).all()
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from structid.errors import InputError
+from structid.study.building.surrogates import surrogate_settings
 from structid.study.run import load, report_again, run_study
-from structid.study.schema import SurrogateSection
-from structid.study.surrogate import surrogate_settings
+from structid.study.schema.kinds import SurrogateSection
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.registry import KINDS
 from studies import PACKAGED, PLAIN, shortened

@@ -274,7 +274,7 @@ def test_a_narx_wants_runs_enough_for_its_coefficients(runs):
 @pytest.mark.slow
 def test_the_thesis_way_by_one_word(runs, unseen):
     """Coefficients of each experiment by itself, as published: it works here, on two parameters and its own terms."""
-    from structid.surrogates.narx.terms import absolute_terms
+    from structid.surrogates.narx.candidate_terms import absolute_terms
 
     surrogate = si.PCNARX(terms=absolute_terms(), training="per-experiment", selection="lars").fit(runs)
     validation = surrogate.validate(unseen)

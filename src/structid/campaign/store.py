@@ -38,8 +38,10 @@ from structid.runs import InMemory, Runs
 
 CAMPAIGN_RUNS = "runs.h5"
 """File with the runs of a campaign, in the folder of its study."""
-CALIBRATION_FOLDER, CALIBRATION_RUNS = "calibration", "true_runs.h5"
-"""Folder of a calibration in the folder of its study, and the file with the runs in it."""
+CALIBRATION_FOLDER = "calibration"
+"""Folder of a calibration in the folder of its study."""
+CALIBRATION_RUNS = "true_runs.h5"
+"""File in it with the runs."""
 SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 

@@ -1,4 +1,7 @@
-"""A second-order system of masses on hysteretic springs: its state, its rate of change, and what may be recorded of it."""
+"""A second-order system of masses on hysteretic springs: its state, its rate of change, and what may be recorded of it.
+
+Equation numbers are those of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -16,8 +16,17 @@ from structid.device import jnp
 from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
+from structid.keys import quantity
 from structid.mechanics.runge_kutta import integrate
-from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS, PARAMETER_UNITS, check_free, finite_number
+from structid.models.hysteretic_parameters import (
+    DEFAULT_SUBSTEPS,
+    PARAMETER_UNITS,
+    check_free,
+    finite_number,
+    parameter_unit,
+    refuse_units_of_shapes,
+)
+from structid.models.kind import ModelKind
 from structid.models.oscillator_equations import OscillatorEquations
 from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.units import factor
@@ -374,3 +383,13 @@ class BoucWen(TraceableModel):
         units = ("mm", "mm/s", "kN", "J", "J")
         u, v, force, hysteretic, elastic = (run.channel(c)[0] / factor(x) for c, x in zip(wanted, units, strict=True))
         return figure.four_panels(run.time, u, v, force, hysteretic, elastic, excitation.name, save)
+
+
+KIND = ModelKind(
+    word="bouc_wen",
+    keys={**{name: (quantity(unit), None) for name, unit in PARAMETER_UNITS.items()}, "substeps": (int, None)},
+    build=lambda asked: BoucWen(free=asked.free, channels=asked.channels, **asked.given),
+    parameters=lambda given: PARAMETER_UNITS,
+    parameter_unit=parameter_unit,
+    check=refuse_units_of_shapes,
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -101,3 +102,55 @@ def finite_number(where: str, value: Any) -> float:
     if not np.isfinite(number):
         raise InputError(where, f"{number}", "a finite number")
     return number
+
+
+def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]) -> str | None:
+    """SI unit of a parameter in a study; β and γ are in m⁻ⁿ, which is known only where n is.
+
+    Parameters
+    ----------
+    name : str
+        Without the number of a storey.
+    given : mapping of str to object
+        Parameters that are known.
+    unknown : collection of str
+        Names of the unknown and the derived ones.
+
+    Returns
+    -------
+    str or None
+        Empty for a pure number, and for β and γ where n is not known; None for a parameter that is not standard.
+    """
+    if name not in ("beta", "gamma"):
+        return PARAMETER_UNITS.get(name)
+    exponent = given.get("exponent")
+    if any(n.startswith("exponent") for n in unknown) or isinstance(exponent, tuple):
+        return ""  # a plain number in SI
+    return "1/m" if exponent in (None, 1.0) else f"1/m^{exponent:g}"
+
+
+def refuse_units_of_shapes(table: Any) -> Any:
+    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly.
+
+    Parameters
+    ----------
+    table : object
+        A table of a study file, as TOML gives it.
+
+    Returns
+    -------
+    object
+        The same.
+
+    Raises
+    ------
+    InputError
+        If β or γ is a text with a unit.
+    """
+    if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
+        for name in ("beta", "gamma"):
+            if isinstance(table.get(name), str):
+                raise InputError(
+                    name, f"{name} = '{table[name]}' with an exponent that is not 1", "a plain number in m^-n"
+                )
+    return table

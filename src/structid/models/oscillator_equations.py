@@ -1,4 +1,7 @@
-"""The equations of motion of the single-degree-of-freedom oscillator."""
+"""The equations of motion of the single-degree-of-freedom oscillator.
+
+Equation numbers are those of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

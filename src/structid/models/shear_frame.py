@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -13,9 +13,18 @@ from structid.device import jnp
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
+from structid.keys import Fraction, quantity
 from structid.mechanics.runge_kutta import integrate
 from structid.models.frame_equations import FrameEquations, stiffness_matrix
-from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS, check_free, finite_number
+from structid.models.hysteretic_parameters import (
+    DEFAULT_SUBSTEPS,
+    PARAMETER_UNITS,
+    check_free,
+    finite_number,
+    parameter_unit,
+    refuse_units_of_shapes,
+)
+from structid.models.kind import ModelKind
 from structid.models.traceable import TraceableModel, TracedExcitation
 
 STOREY_PARAMETERS = (
@@ -335,3 +344,34 @@ class ShearFrame(TraceableModel):
         if any(n.startswith(("mass", "stiffness")) for n in self.free):
             return f"ShearFrame: {self.storeys} storeys{free}"
         return f"ShearFrame: {self.storeys} storeys, f {', '.join(f'{f:.4g}' for f in self.frequencies())} Hz{free}"
+
+
+def _parameters(given: Mapping[str, Any]) -> list[str]:
+    """Every name that a frame of so many storeys knows."""
+    numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, given["storeys"] + 1)]
+    return ["damping_ratio", *STOREY_PARAMETERS, *numbered]
+
+
+def _per_storey(unit: str) -> Any:
+    """Type of one number for all storeys, or one for each."""
+    one: Any = quantity(unit)
+    return one | tuple.__class_getitem__((one, ...))
+
+
+KIND = ModelKind(
+    word="shear_frame",
+    keys={
+        **{name: (_per_storey(PARAMETER_UNITS[name]), None) for name in STOREY_PARAMETERS},
+        "storeys": (int, ...),
+        "damping_ratio": (Fraction, None),
+        "damping": (Literal["modal", "rayleigh"], "modal"),
+        "rayleigh_mode": (int, 3),
+        "substeps": (int, None),
+    },
+    build=lambda asked: ShearFrame(free=asked.free, channels=asked.channels, **asked.given),
+    parameters=_parameters,
+    parameter_unit=parameter_unit,
+    check=refuse_units_of_shapes,
+    named_in_messages=tuple(name for name in PARAMETER_UNITS if name in ("damping_ratio", *STOREY_PARAMETERS)),
+    note=" (and stiffness_2, …)",
+)

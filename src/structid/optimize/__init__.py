@@ -1,4 +1,4 @@
-"""Deterministic calibration: minimise a misfit over a box and linear inequalities, from many starts."""
+"""Deterministic calibration: minimise a misfit over a box and linear inequalities from many starting points."""
 
 from __future__ import annotations
 

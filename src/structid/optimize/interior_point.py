@@ -12,13 +12,13 @@ from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
 TO_BOUNDARY = 0.995
-"""Fraction of the way to the boundary that a step may go."""
+"""Largest fraction of the distance to the boundary that a step may take."""
 STEP_LENGTHS = 0.5 ** np.arange(12)
-"""Lengths tried at once along every direction."""
+"""Step lengths tried along every direction, in one batch."""
 SMALLEST_BARRIER = 1e-30
-"""The barrier must vanish: a minimum on a face is reached only as the barrier goes to zero."""
+"""Final barrier parameter; nearly zero, because a minimum on a face is reached only as the barrier vanishes."""
 SMALLEST_SLACK = 1e-16
-"""A face nearer than the last digit of a coordinate counts as this near."""
+"""Lower limit of a slack: rounding of a coordinate allows no smaller distance to a face."""
 
 
 @dataclass
@@ -53,26 +53,26 @@ def interior_point(
         minimise  J(x)/scale − μ Σ log s_i,   s = b − A x > 0,   μ → 0
         (H + Aᵀ diag(λ/s) A + δ I) Δx = −(∇J/scale + Aᵀ (μ/s)),   Δλ = (μ + λ (AΔx))/s − λ
 
-    with H = 2 JᵀJ of the residuals' exact Jacobian (automatic differentiation through the integrator).
+    with H = 2 JᵀJ and J the exact Jacobian of the residuals (automatic differentiation through the integrator).
 
     Parameters
     ----------
     objective : Objective
-        What to minimise, such as `Posterior.misfit`; it must have derivatives.
+        The function to minimise, such as `Posterior.misfit`; it must have derivatives.
     bounds : dict of str to pair of float, optional
-        Bounds in SI instead of the prior's support.
+        Bounds in SI, used instead of the support of the prior.
     constraints : sequence of str
-        Linear inequalities in SI such as ``"gamma <= beta"``.
+        Linear inequalities in SI, such as ``"gamma <= beta"``.
     starts : int or ndarray, shape (start, parameter)
-        How many starting points to draw, or the points in SI.
+        Number of starting points to draw, or the points in SI.
     seed : int
         Seed of the starting points.
     tolerance : float
-        A search ends when J/scale changes by less than this and the barrier is as small.
+        A search ends when J/scale changes by less than this and the barrier has vanished.
     iterations : int
-        Largest number of steps a start.
+        Largest number of steps for each start.
     progress : callable, optional
-        Told how many starts are finished.
+        Called with the number of finished starts and the total.
 
     Returns
     -------
@@ -114,18 +114,19 @@ def _linearise(objective: Objective, where: Region, iterates: list[_Iterate]) ->
 
 
 def _slack(where: Region, x: np.ndarray) -> np.ndarray:
-    return np.maximum(where.slack(x), SMALLEST_SLACK)
+    slack: np.ndarray = np.maximum(where.slack(x), SMALLEST_SLACK)
+    return slack
 
 
 def _direction(it: _Iterate, where: Region) -> tuple[np.ndarray, np.ndarray]:
-    """Primal-dual direction, cut at the fraction to the boundary."""
+    """Primal-dual direction, shortened so that it stays inside the boundary."""
     assert it.gradient is not None and it.curvature is not None
     slack = _slack(where, it.x)
     barrier_curvature = where.matrix.T @ ((it.multipliers / slack)[:, None] * where.matrix)
     system = it.curvature + barrier_curvature
     system = system + it.damping * np.diag(np.maximum(np.diag(it.curvature), 1e-12 * np.trace(it.curvature)))
     right = -(it.gradient + where.matrix.T @ (it.barrier / slack))
-    # Scaling by the diagonal keeps the digits where a slack is tiny.
+    # Scaling by the diagonal avoids a loss of digits where a slack is tiny.
     root = 1.0 / np.sqrt(np.diag(system))
     dx = root * np.linalg.lstsq(system * root[:, None] * root[None, :], right * root, rcond=1e-15)[0]
     dual = (it.barrier + it.multipliers * (where.matrix @ dx)) / slack - it.multipliers
@@ -135,7 +136,7 @@ def _direction(it: _Iterate, where: Region) -> tuple[np.ndarray, np.ndarray]:
 def _advance(
     it: _Iterate, where: Region, dx: np.ndarray, dual: np.ndarray, found: np.ndarray, tolerance: float
 ) -> None:
-    """Take the best of the tried lengths by the barrier function; adapt damping and barrier."""
+    """Take the step length with the smallest barrier function; adapt damping and barrier."""
     trials = it.x + STEP_LENGTHS[:, None] * dx
     merit = found - it.barrier * np.log(_slack(where, trials)).sum(axis=1)
     here = it.value - it.barrier * np.log(_slack(where, it.x)).sum()
@@ -153,7 +154,7 @@ def _advance(
     shrinking = dual < 0
     longest = min(1.0, TO_BOUNDARY * (it.multipliers[shrinking] / -dual[shrinking]).min()) if shrinking.any() else 1.0
     it.multipliers = it.multipliers + longest * dual
-    # Keep multipliers near the central path, so that a bad start cannot pin a face.
+    # Keep the multipliers near the central path, so that a poor start does not stay stuck at a face.
     slack = _slack(where, it.x)
     it.multipliers = np.clip(it.multipliers, it.barrier / slack * 1e-8, it.barrier / slack * 1e8)
     if gain < 0.1 * max(it.barrier, tolerance * 1e-3) + 1e-3 * found[best]:

@@ -1,4 +1,4 @@
-"""What a multistart search found: the distinct minima, from best to worst."""
+"""Result of a multistart search: the distinct minima, from best to worst."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from structid.optimize.region import Objective, Region
 from structid.units import label
 
 SAME_POINT = 1e-3
-"""Two end points closer than this, in fractions of the box, are one minimum."""
+"""End points closer than this, as a fraction of the box, are the same minimum."""
 
 
 @dataclass(frozen=True)
 class Minimum:
-    """One of the minima that were found.
+    """One of the minima found.
 
     Parameters
     ----------
     theta : ndarray, shape (parameter,)
-        Where, in SI.
+        Location in SI.
     value : float
-        Objective there.
+        Value of the objective.
     starts : int
-        How many starts ended there.
+        Number of starts that ended here.
     on_boundary : tuple of str
         Parameters at one of their bounds, and inequalities that hold with equality.
     """
@@ -47,15 +47,15 @@ class OptimizeResult:
     method : str
         Name of the search.
     names : tuple of str
-        Parameters.
+        Names of the parameters.
     minima : tuple of Minimum
-        Distinct ones, best first.
+        Distinct minima, best first.
     evaluations : int
-        Runs of the model (a linearisation counts one for itself and one for each parameter).
+        Number of model runs; a linearisation counts as one, plus one for each parameter.
     scale : float
-        Objective of a model that predicts nothing, Σ y².
+        Objective of a model that predicts zero, Σ y².
     ends, values : ndarray, shape (start, parameter) and (start,)
-        Where every start ended, in SI, and the objective there.
+        End point of every start in SI, and the objective there.
     units : dict of str to str
         Display unit of every parameter.
     factors : ndarray, shape (parameter,)
@@ -78,7 +78,7 @@ class OptimizeResult:
         return self.minima[0]
 
     def __str__(self) -> str:
-        """Table of the minima in display units."""
+        """Table of the minima, in display units."""
         heads = [label(n, self.units.get(n, "")) for n in self.names]
         lines = [
             f"{self.method}: {len(self.values)} starts, {self.evaluations} evaluations of the misfit, {len(self.minima)} distinct "
@@ -126,20 +126,20 @@ class OptimizeResult:
 def collect(
     method: str, objective: Objective, where: Region, x: np.ndarray, values: np.ndarray, evaluations: int
 ) -> OptimizeResult:
-    """Sort the end points of a search into distinct minima.
+    """Group the end points of a search into distinct minima.
 
     Parameters
     ----------
     method : str
         Name of the search.
     objective : Objective
-        Names, units and scale.
+        Gives names, units and scale.
     where : Region
         The region.
     x, values : ndarray, shape (start, parameter) and (start,)
         End points in scaled coordinates, and the objective there.
     evaluations : int
-        Runs of the model.
+        Number of model runs.
 
     Returns
     -------

@@ -13,8 +13,9 @@ from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
 EXPANSION, CONTRACTION = 2.0, 0.5
+"""Factors on the step after a success and after a failure."""
 CURVATURE_EVERY = 8
-"""Iterations between two updates of the curvature that whitens the poll directions."""
+"""Number of iterations between updates of the curvature that whitens the poll directions."""
 
 
 @dataclass
@@ -44,35 +45,35 @@ def pattern_search(
 ) -> OptimizeResult:
     """Minimise by polling along a set of directions that spans the feasible cone.
 
-    At every iteration each start polls both senses of d directions and, near a face, directions within the face and away from
-    it; the best improvement is taken and the step doubled, or the step is halved. Steps are cut at the boundary, so every poll
-    is feasible. All starts poll in one batch.
+    At every iteration each start polls along d directions in both senses and, near a face, along directions within the face and
+    away from it. If a poll improves the objective, the best one is taken and the step is doubled; otherwise the step is halved.
+    Steps are cut at the boundary, so every poll is feasible. All starts poll in one batch.
 
-    A misfit of a hysteretic model is so ill-conditioned (scaled condition number 7e5 on the benchmark study) that coordinate
-    polls stall. The directions are therefore whitened by the Gauss-Newton curvature H of the objective, d = H^(−1/2) e, in the
-    whole space and within the active faces.
+    The misfit of a hysteretic model is so ill-conditioned (scaled condition number 7e5 in the benchmark study) that polls along
+    the coordinates stall. The directions are therefore whitened by the Gauss-Newton curvature H of the objective,
+    d = H^(−1/2) e, in the whole space and within the active faces.
 
     Parameters
     ----------
     objective : Objective
-        What to minimise, such as `Posterior.misfit`.
+        The function to minimise, such as `Posterior.misfit`.
     bounds : dict of str to pair of float, optional
-        Bounds in SI instead of the prior's support.
+        Bounds in SI, used instead of the support of the prior.
     constraints : sequence of str
-        Linear inequalities in SI such as ``"gamma <= beta"``.
+        Linear inequalities in SI, such as ``"gamma <= beta"``.
     starts : int or ndarray, shape (start, parameter)
-        How many starting points to draw, or the points in SI.
+        Number of starting points to draw, or the points in SI.
     seed : int
         Seed of the starting points.
     whiten : bool, optional
-        Whiten by curvature, which needs an objective with derivatives; by default wherever it has them. False polls along
-        the coordinates.
+        Whiten by the curvature, which needs an objective with derivatives. By default done if there are derivatives. False
+        polls along the coordinates.
     tolerance : float
-        Step, in fractions of the box, at which a search ends.
+        Step, as a fraction of the box, at which a search ends.
     iterations : int
-        Largest number of polls a start.
+        Largest number of iterations.
     progress : callable, optional
-        Told how many starts are finished.
+        Called with the number of finished starts and the total.
 
     Returns
     -------
@@ -111,7 +112,7 @@ def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
     best = int(np.argmin(found)) if found.size else -1
     if best >= 0 and found[best] < search.value:
         search.x, search.value = search.polls[best], float(found[best])
-        # A poll that was cut at a face is worth only its own length: else ever smaller gains keep the step large.
+        # The new step comes from the length of the poll, which a face may have cut. Otherwise ever smaller gains keep it large.
         search.step = min(search.lengths[best] * EXPANSION, 1.0)
     else:
         search.step *= CONTRACTION
@@ -119,7 +120,7 @@ def _decide(search: _Search, found: np.ndarray, tolerance: float) -> None:
 
 
 def _update_whitening(objective: Objective, where: Region, searches: list[_Search]) -> int:
-    """Give every search H^(−1/2) at its point, scaled so that its longest column has length one."""
+    """Set the whitening of every search to H^(−1/2) at its point; returns the number of model runs."""
     _, _, hessian = objective.linearised(where.to_theta(np.array([s.x for s in searches])))
     for search, curvature in zip(searches, hessian, strict=True):
         scaled = where.width[:, None] * curvature * where.width[None, :]
@@ -129,10 +130,11 @@ def _update_whitening(objective: Objective, where: Region, searches: list[_Searc
 
 
 def _inverse_root(curvature: np.ndarray) -> np.ndarray:
-    """Columns of H^(−1/2), the longest of length one: unit steps lower the quadratic model alike in every direction."""
+    """H^(−1/2) with its longest column scaled to length one; a unit step changes the quadratic model equally in each column."""
     eigenvalues, vectors = scipy.linalg.eigh(curvature)
     eigenvalues = np.maximum(eigenvalues, 1e-14 * eigenvalues[-1])
-    return vectors * np.sqrt(eigenvalues[0] / eigenvalues)
+    root: np.ndarray = vectors * np.sqrt(eigenvalues[0] / eigenvalues)
+    return root
 
 
 def _polls(search: _Search, where: Region) -> tuple[np.ndarray, np.ndarray]:
@@ -150,11 +152,12 @@ def _polls(search: _Search, where: Region) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _within_faces(whitening: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Whitened directions within the faces that are near: those with A d = 0."""
+    """Whitened directions within the nearby faces, which have A d = 0."""
     tangent = scipy.linalg.null_space(normals)
     if tangent.shape[1] == 0:
         return np.empty((0, whitening.shape[0]))
     # H = W^(−T) W^(−1) up to scale; its restriction to the face is Tᵀ H T.
     inverse = np.linalg.inv(whitening)
     reduced = tangent.T @ inverse.T @ inverse @ tangent
-    return (tangent @ _inverse_root(0.5 * (reduced + reduced.T))).T
+    directions: np.ndarray = (tangent @ _inverse_root(0.5 * (reduced + reduced.T))).T
+    return directions

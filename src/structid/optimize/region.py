@@ -17,7 +17,7 @@ from structid.streams import Purpose, derived_seed
 
 
 class Objective(Protocol):
-    """What is minimised: a batched function; `linearised` gives derivatives where there are any."""
+    """The function to minimise, evaluated for a batch of points; `linearised` gives its derivatives if it has any."""
 
     names: tuple[str, ...]
     space: ParameterSpace
@@ -51,11 +51,11 @@ class Region:
     Parameters
     ----------
     low, width : ndarray, shape (parameter,)
-        Lower bounds and ranges in SI.
+        Lower bounds and widths of the box in SI.
     matrix, limit : ndarray, shape (constraint, parameter) and (constraint,)
-        A, with rows of unit length, and b.
+        A with rows of unit length, and b.
     faces : tuple of str
-        What each constraint is called: a parameter for the box, else the inequality.
+        Name of each constraint: the parameter for the box, else the inequality.
     """
 
     low: np.ndarray
@@ -65,7 +65,7 @@ class Region:
     faces: tuple[str, ...]
 
     def to_theta(self, x: np.ndarray) -> np.ndarray:
-        """Scaled coordinates to SI.
+        """Convert scaled coordinates to SI.
 
         Parameters
         ----------
@@ -75,24 +75,26 @@ class Region:
         Returns
         -------
         ndarray, shape (..., parameter)
-            θ.
+            Parameters θ in SI.
         """
-        return self.low + x * self.width
+        theta: np.ndarray = self.low + x * self.width
+        return theta
 
     def to_scaled(self, theta: np.ndarray) -> np.ndarray:
-        """SI to scaled coordinates.
+        """Convert SI to scaled coordinates.
 
         Parameters
         ----------
         theta : ndarray, shape (..., parameter)
-            θ.
+            Parameters θ in SI.
 
         Returns
         -------
         ndarray, shape (..., parameter)
-            x.
+            Scaled coordinates.
         """
-        return (np.asarray(theta) - self.low) / self.width
+        x: np.ndarray = (np.asarray(theta) - self.low) / self.width
+        return x
 
     def slack(self, x: np.ndarray) -> np.ndarray:
         """Distance to every constraint, b − A x.
@@ -107,10 +109,11 @@ class Region:
         ndarray, shape (..., constraint)
             Non-negative where x is feasible.
         """
-        return self.limit - x @ self.matrix.T
+        slack: np.ndarray = self.limit - x @ self.matrix.T
+        return slack
 
     def longest_step(self, x: np.ndarray, direction: np.ndarray) -> float:
-        """How far one can go before leaving the region.
+        """Longest step along a direction that stays inside the region.
 
         Parameters
         ----------
@@ -134,12 +137,17 @@ class Region:
         Parameters
         ----------
         count, seed : int
-            How many, and the seed.
+            Number of points, and the seed.
 
         Returns
         -------
         ndarray, shape (count, parameter)
             Scaled coordinates.
+
+        Raises
+        ------
+        InputError
+            If almost no point of the box satisfies the constraints.
         """
         dimension = self.low.size
         for oversampling in (1, 4, 16, 64, 256):
@@ -151,7 +159,7 @@ class Region:
                 return inside[:count]
         raise InputError(
             "constraints",
-            "almost nothing of the box satisfies them",
+            "almost no point of the box satisfies them",
             "inequalities that leave room in the box",
         )
 
@@ -162,16 +170,22 @@ def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, 
     Parameters
     ----------
     objective : Objective
-        Its space gives names and default bounds.
+        Gives names and default bounds by its space.
     bounds : dict of str to pair of float, optional
-        Bounds in SI that replace the support of the prior; an unbounded prior is cut at its 1e-4 quantiles.
+        Bounds in SI that replace the support of the prior. By default an unbounded prior is cut at its 1e-4 and 1 − 1e-4
+        quantiles.
     constraints : sequence of str
-        Linear inequalities in SI such as ``"gamma <= beta"`` or ``"-beta <= gamma"``.
+        Linear inequalities in SI, such as ``"gamma <= beta"`` or ``"-beta <= gamma"``.
 
     Returns
     -------
     Region
         The region.
+
+    Raises
+    ------
+    InputError
+        If a bound has an unknown name or is empty, or a constraint is not a linear inequality.
     """
     space, names = objective.space, objective.names
     box = np.array([m.support for m in space.marginals.values()])
@@ -198,7 +212,7 @@ def region(objective: Objective, bounds: dict[str, tuple[float, float]] | None, 
 
 
 def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
-    """Coefficients and constant of an inequality brought to the form a·θ + c ≤ 0."""
+    """Coefficients and constant of an inequality in the form a·θ + c ≤ 0."""
     sides = re.split(r"(<=|>=)", text)
     if len(sides) != 3:
         raise InputError("constraint", f"'{text}'", "one linear inequality such as 'gamma <= beta'")
@@ -227,14 +241,19 @@ def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> np.nd
     where : Region
         The region.
     starts : int or ndarray, shape (start, parameter)
-        How many to draw, or the points in SI.
+        Number of points to draw, or the points in SI.
     seed : int
         Seed.
 
     Returns
     -------
     ndarray, shape (start, parameter)
-        Scaled coordinates, feasible.
+        Scaled coordinates of feasible points.
+
+    Raises
+    ------
+    InputError
+        If a given point violates a bound or a constraint.
     """
     if isinstance(starts, (int, np.integer)):
         return where.interior_starts(int(starts), seed)

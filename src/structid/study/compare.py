@@ -16,8 +16,10 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
-from structid.report.page import write_comparison
-from structid.study.run import IDENTITY, Outcome, Stage, silent, stored_outcome
+from structid.report.comparison_page import write_comparison
+from structid.study.folder import IDENTITY
+from structid.study.run import StudyOutcome, stored_outcome
+from structid.study.timings import Stage, silent
 
 DRAWS = 1000
 """Posterior draws that predict what is left out."""
@@ -98,7 +100,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [p.name for p in paths]
 
 
-def _model_class(path: Path, name: str, outcome: Outcome) -> tuple[ModelClass, Prediction]:
+def _model_class(path: Path, name: str, outcome: StudyOutcome) -> tuple[ModelClass, Prediction]:
     result = outcome.result
     assert result is not None and isinstance(result.target, Posterior)
     posterior = result.target
@@ -116,7 +118,7 @@ def _model_class(path: Path, name: str, outcome: Outcome) -> tuple[ModelClass, P
     ), prediction
 
 
-def _evidence(path: Path, outcome: Outcome) -> Evidence | None:
+def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:
     """That of the sampler; where it knows none, of tempered SMC on the same posterior, if that is fast."""
     result, calibration = outcome.result, outcome.calibration
     assert result is not None and isinstance(result.target, Posterior)

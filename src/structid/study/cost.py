@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.calibration.sequential import Plan
 from structid.errors import InputError, Status
-from structid.study.build import BuiltStudy
+from structid.study.building.built_study import BuiltStudy
 
 USUAL_ROUNDS = 4
 """Rounds that a calibration of the benchmark study takes."""

@@ -6,7 +6,7 @@ import numpy as np
 
 from structid.channels import standard_unit
 from structid.probability.space import Design
-from structid.study.build import BuiltStudy
+from structid.study.building.built_study import BuiltStudy
 from structid.units import factor
 
 WRONG_BY = 10.0

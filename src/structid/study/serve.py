@@ -9,7 +9,7 @@ import numpy as np
 
 from structid.inference.likelihood.posterior import Posterior
 from structid.solvers.um_bridge import Served, ServedModel
-from structid.study.build import BuiltStudy
+from structid.study.building.built_study import BuiltStudy
 
 
 class ServedPosterior(Served):

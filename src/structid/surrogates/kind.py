@@ -9,7 +9,7 @@ from typing import Any
 from structid.surrogates.face import Surrogate, SurrogateSettings
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SurrogateKind:
     """One kind of surrogate: its words, its settings, and what reads it back.
 

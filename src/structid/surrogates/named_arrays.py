@@ -1,4 +1,4 @@
-"""Arrays of parts within parts, by names such as ``0/scores/weights``, as files keep them."""
+"""Names such as ``0/scores/weights`` for the arrays of nested parts, as files store them."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import numpy as np
 
 
 def put_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Name a part's arrays below the part.
+    """Put the name of a part in front of the names of its arrays.
 
     Parameters
     ----------
     name : str
-        The part.
+        Name of the part.
     arrays : mapping of str to ndarray
         Its arrays.
 
     Returns
     -------
     dict of str to ndarray
-        ``name/…``.
+        The arrays, by ``name/…``.
     """
     return {f"{name}/{key}": array for key, array in arrays.items()}
 
 
 def found_under(name: str, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Pick a part's arrays by their own names; the inverse of `put_under`.
+    """Select the arrays of a part, by their own names; the inverse of `put_under`.
 
     Parameters
     ----------
     name : str
-        The part.
+        Name of the part.
     arrays : mapping of str to ndarray
-        Those of all parts.
+        Arrays of all parts.
 
     Returns
     -------
     dict of str to ndarray
-        Those of this one.
+        Arrays of this part.
     """
     return {key.removeprefix(f"{name}/"): array for key, array in arrays.items() if key.startswith(f"{name}/")}

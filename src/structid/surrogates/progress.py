@@ -1,4 +1,4 @@
-"""How far a fit is, told as one count although it has several stages."""
+"""Progress of a fit: several stages reported as one count."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ from structid.models.face import Progress
 
 
 class Stages:
-    """Progress of work in stages of different weight, told in hundredths of the whole.
+    """Progress of work in stages of different weight, reported in hundredths of the whole.
 
     Parameters
     ----------
     progress : callable or None
-        Told how many hundredths are done, and of a hundred.
+        Called with the number of finished hundredths and 100.
     weights : mapping of str to float
-        The stages in order, and the share of the time each takes.
+        The stages in order, with the share of the time that each takes.
     """
 
     def __init__(self, progress: Progress | None, weights: Mapping[str, float]) -> None:
         self._progress, self._weights = progress, dict(weights)
 
     def of(self, stage: str) -> Progress:
-        """Give what a stage tells its own progress.
+        """Return the function to which a stage reports its own progress.
 
         Parameters
         ----------
         stage : str
-            Its name.
+            Name of the stage.
 
         Returns
         -------
         callable
-            Takes what is done, and of how many.
+            Called with the number of finished steps of the stage and their total.
         """
         whole = sum(self._weights.values())
         names = list(self._weights)
@@ -45,32 +45,32 @@ class Stages:
         return tell
 
     def done(self, stage: str) -> None:
-        """Say that a stage has ended, however many of its steps it took.
+        """Report that a stage has ended, whatever number of its steps it took.
 
         Parameters
         ----------
         stage : str
-            Its name.
+            Name of the stage.
         """
         self.of(stage)(1, 1)
 
 
 class Steps:
-    """Counts steps; calling it is one more.
+    """Counts steps; each call counts one.
 
     Parameters
     ----------
     progress : callable or None
-        Told how many are done, and of how many.
+        Called with the number of finished steps and the total.
     total : int
-        How many there are.
+        Total number of steps.
     """
 
     def __init__(self, progress: Progress | None, total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0
 
     def __call__(self) -> None:
-        """Count one step more."""
+        """Count one more step."""
         self._done += 1
         if self._progress is not None:
             self._progress(self._done, self._total)

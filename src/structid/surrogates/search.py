@@ -1,4 +1,4 @@
-"""A quasi-Newton search within bounds for objectives that are noisy in their last digits."""
+"""A quasi-Newton search within bounds, for objectives that are noisy in their last digits."""
 
 from __future__ import annotations
 
@@ -6,11 +6,14 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-MOST_STEPS, MOST_HALVINGS = 40, 4
+MOST_STEPS, MOST_REDUCTIONS = 40, 4
+"""Largest number of steps, and of reductions of the length of one step."""
+
 LONGEST_STEP = 1.5
-"""Of a logarithm, in one step of the search."""
+"""Largest change of a coordinate, which is a logarithm, in one step."""
+
 SMALLEST_GAIN = 0.02
-"""Of the log likelihood; a step that promises less ends the search."""
+"""Gain of the log likelihood; a step that promises less ends the search."""
 
 
 def quasi_newton(
@@ -19,9 +22,9 @@ def quasi_newton(
     start: np.ndarray,
     covariance: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """BFGS within bounds (Nocedal & Wright 2006, eq. 6.17) that ends when a step would gain next to nothing.
+    """Minimise by BFGS within bounds (Nocedal & Wright 2006, eq. 6.17), until a step would gain almost nothing.
 
-    Near-singular correlation matrices make a likelihood noisy: a line search that looks for an exact decrease would not end.
+    Nearly singular correlation matrices make a likelihood noisy, and a line search that requires an exact decrease would not end.
 
     Parameters
     ----------
@@ -32,12 +35,12 @@ def quasi_newton(
     start : ndarray, shape (coordinate,)
         Where to start.
     covariance : ndarray, shape (coordinate, coordinate)
-        Guess of the inverse of the second derivatives.
+        Estimate of the inverse of the matrix of second derivatives.
 
     Returns
     -------
     tuple
-        The best point, the inverse second derivatives found, and the value there.
+        The best point, the estimate of the inverse of the matrix of second derivatives, and the value there.
     """
     low, high = np.array(bounds).T
     place, (value, slope) = start, objective(start)
@@ -47,7 +50,7 @@ def quasi_newton(
         if -0.5 * direction @ slope < SMALLEST_GAIN:
             break
         direction *= min(1.0, LONGEST_STEP / np.abs(direction).max())
-        for _ in range(MOST_HALVINGS):
+        for _ in range(MOST_REDUCTIONS):
             trial = np.clip(place + direction, low, high)
             trial_value, trial_slope = objective(trial)
             if trial_value < value + 1e-4 * slope @ (trial - place) + 1e-9 * abs(value):

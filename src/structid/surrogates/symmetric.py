@@ -1,4 +1,4 @@
-"""Factors of covariance matrices that rounding may have left indefinite."""
+"""Factors and inverses of covariance matrices that rounding errors may have made indefinite."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ import scipy.linalg
 
 
 def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf) -> tuple[np.ndarray, float]:
-    """Lower factor of matrix + diagonal · I, the diagonal raised to where that is positive definite.
+    """Factorise matrix + diagonal · I, and raise the diagonal until the sum is positive definite.
 
     Parameters
     ----------
     matrix : ndarray, shape (n, n)
-        Symmetric.
+        A symmetric matrix.
     diagonal : float
-        Positive; tried first.
+        The first value to try; positive.
     largest : float
-        It is not raised to this or beyond.
+        The diagonal stays below this value.
 
     Returns
     -------
     tuple of ndarray and float
-        The factor and the diagonal it took.
+        Lower Cholesky factor, and the diagonal in it.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If none below the largest will do.
+        If no diagonal below the largest makes the sum positive definite.
     """
     while diagonal < largest:
         shifted = matrix.copy()
@@ -39,17 +39,17 @@ def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf
 
 
 def inverse_of(cholesky: np.ndarray) -> np.ndarray:
-    """(L Lᵀ)⁻¹, both triangles.
+    """Compute (L Lᵀ)⁻¹ from a Cholesky factor L.
 
     Parameters
     ----------
     cholesky : ndarray, shape (n, n)
-        L, lower.
+        The lower factor L.
 
     Returns
     -------
     ndarray, shape (n, n)
-        The inverse.
+        The inverse, with both triangles filled.
     """
     lower, _ = scipy.linalg.lapack.dpotri(cholesky, lower=1)
     return np.asarray(np.tril(lower) + np.tril(lower, -1).T)

@@ -5,18 +5,13 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.surrogates.narx.structure import (
-    Experiments,
-    Signals,
-    build_recursion,
-    first_coefficients,
-    select_terms,
-    training_set,
-)
-from structid.surrogates.narx.terms import (
-    absolute_terms,
-)
-from structid.surrogates.narx.training import FreeRun
+from structid.surrogates.narx.candidate_terms import absolute_terms
+from structid.surrogates.narx.experiments import Experiments, Signals
+from structid.surrogates.narx.free_run import FreeRun
+from structid.surrogates.narx.one_step_regression import first_coefficients
+from structid.surrogates.narx.structure import build_recursion
+from structid.surrogates.narx.term_selection import select_terms
+from structid.surrogates.narx.training_set import training_set
 
 DT = 0.01
 

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 
 from structid.errors import InputError
-from structid.surrogates.narx.terms import (
-    Memory,
-    Term,
+from structid.surrogates.narx.candidate_terms import (
     absolute_terms,
     exponential_terms,
     hysteretic_terms,
     polynomial_terms,
     prony_terms,
 )
+from structid.surrogates.narx.terms import Memory, Term
 
 
 @pytest.mark.parametrize(

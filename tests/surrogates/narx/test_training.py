@@ -5,12 +5,15 @@ import itertools
 import numpy as np
 import pytest
 
+from structid.surrogates.narx.free_run import FreeRun
+from structid.surrogates.narx.one_step_regression import joint_solution
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import (
     as_memories,
     as_terms,
 )
-from structid.surrogates.narx.training import FreeRun, TrainingSet, joint_solution, train_free_run
+from structid.surrogates.narx.training import train_free_run
+from structid.surrogates.narx.training_set import TrainingSet
 
 DT = 0.01
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
@@ -32,6 +34,8 @@ class Prediction:
         Draws whose simulation failed; they are left out.
     excitation : str
         Name of the record.
+    units : mapping of str to ChannelUnit
+        Units of the channels.
     """
 
     time: np.ndarray
@@ -40,6 +44,7 @@ class Prediction:
     observable: np.ndarray = field(repr=False)
     failed: int
     excitation: str
+    units: Mapping[str, ChannelUnit] = field(default_factory=dict)
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -118,8 +123,15 @@ def predict(
     noise_shape = (len(response), response.shape[1], measured.stop)
     observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
     wanted = [every.index(c) for c in channels]
+    units = run.units | {c: observation.channel_unit(c) for c in observation.channels}
     return Prediction(
-        run.time, channels, response[:, :, wanted], observable[:, :, wanted], int((~good).sum()), record.name
+        run.time,
+        channels,
+        response[:, :, wanted],
+        observable[:, :, wanted],
+        int((~good).sum()),
+        record.name,
+        {c: units[c] for c in channels},
     )
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import LogNormal, Uniform
 from structid.probability.truncation import Marginal
 
@@ -483,3 +484,10 @@ class DampedCosine(Correlated):
             [-decay * natural**2 * sine / omega, decay * (cosine - eta / omega * sine)],
         ]
         return transition, [numpy.ones_like(natural), natural**2]
+
+
+_VARIANCES = {"variance": SQUARED, "white": SQUARED}
+
+AR1_KIND = LawKind(AR1, "ar1", {**_VARIANCES, "correlation_time": "s"})
+MATERN32_KIND = LawKind(Matern32, "matern32", {**_VARIANCES, "correlation_time": "s"})
+DAMPED_COSINE_KIND = LawKind(DampedCosine, "damped_cosine", {**_VARIANCES, "frequency": "Hz", "damping": ""})

@@ -17,8 +17,9 @@ from structid.device import jnp, over_runs
 from structid.errors import InputError
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
-from structid.inference.likelihood.discrepancy import IID, Discrepancy
+from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.given_responses import GivenResponses
+from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.joint import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
 from structid.inference.likelihood.observation import Observation

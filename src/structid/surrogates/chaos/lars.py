@@ -1,4 +1,7 @@
-"""Sparse regression: order the terms, fit nested sets of them by least squares, choose how many by leave-one-out."""
+"""Sparse regression: order the terms, fit nested sets of them by least squares, choose how many by leave-one-out.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Multi-indices: the degree of each parameter in each term of a truncated polynomial basis."""
+"""Multi-indices: the degree of each parameter in each term of a truncated polynomial basis.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

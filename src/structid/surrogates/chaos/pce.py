@@ -1,4 +1,7 @@
-"""Settings and fit of a polynomial chaos expansion: which terms it has, and their coefficients."""
+"""Settings and fit of a polynomial chaos expansion: which terms it has, and their coefficients.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

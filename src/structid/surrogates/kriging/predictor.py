@@ -1,4 +1,7 @@
-"""A fitted Kriging: mean, standard deviation and leave-one-out errors of one output or many."""
+"""A fitted Kriging: mean, standard deviation and leave-one-out errors of one output or many.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or one for each."""
+"""Settings and fit of universal Kriging: a trend plus a Gaussian process, with correlations shared by outputs or one for each.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

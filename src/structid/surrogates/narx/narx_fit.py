@@ -24,20 +24,20 @@ from structid.surrogates.fit import (
     run_digests,
 )
 from structid.surrogates.kriging.universal_kriging import Kriging
-from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
-from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
-from structid.surrogates.narx.structure import (
+from structid.surrogates.narx.experiments import Experiments
+from structid.surrogates.narx.free_run import FreeRun, robust_loss
+from structid.surrogates.narx.one_step_regression import (
     FIRST_SHAPES,
-    Experiments,
-    build_recursion,
     constant_shapes,
     first_coefficients,
     per_experiment_solution,
-    select_terms,
-    spread_rows,
-    training_set,
 )
-from structid.surrogates.narx.training import FreeRun, TrainingSet, refined_coefficients, robust_loss, train_free_run
+from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
+from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
+from structid.surrogates.narx.structure import build_recursion
+from structid.surrogates.narx.term_selection import select_terms
+from structid.surrogates.narx.training import refined_coefficients, train_free_run
+from structid.surrogates.narx.training_set import TrainingSet, spread_rows, training_set
 from structid.surrogates.progress import Stages
 
 TRAINING_BOUND = 2.0

@@ -21,10 +21,12 @@ from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.named_arrays import found_under, put_under
+from structid.surrogates.narx.experiments import Experiments, input_signals
+from structid.surrogates.narx.free_run import FreeRun
 from structid.surrogates.narx.recursion import Recursion
-from structid.surrogates.narx.structure import Experiments, input_signals, training_set
 from structid.surrogates.narx.terms import Memory, Term
-from structid.surrogates.narx.training import FreeRun, refined_coefficients
+from structid.surrogates.narx.training import refined_coefficients
+from structid.surrogates.narx.training_set import training_set
 from structid.surrogates.regression import Regression
 from structid.surrogates.regressions import regression_from_plain
 

@@ -10,22 +10,24 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import jax
 import numpy as np
 
+from structid.device import jnp
 from structid.surrogates.narx.terms import Memory, Term
 
 State = dict[str, tuple[Any, ...]]
-"""For every output and memory its values at t−1, t−2, …, each of shape (run,)."""
+"""The values of every output and memory at t−1, t−2, …, each of shape (run,)."""
 
 UNROLLED = 8
-"""Steps of the recursion in one turn of XLA's loop, whose overhead is of the size of a step of 50 runs."""
+"""Steps of the recursion in one pass of the loop of XLA. The overhead of a pass is about the cost of a step of 50 runs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Recursion:
     """A NARX structure, y_j(t) = Σᵢ ϑ_ji g_ji(z(t)) (thesis eqs. 2.52, 5.6), in scaled signals.
 
-    The coefficients of one run are a vector: those of the first output's terms, of the second's, …, and then the shape
+    The coefficients of one run are a vector: those of the terms of the first output, of the second, …, and then the shape
     parameters of the memories.
 
     Parameters
@@ -33,13 +35,13 @@ class Recursion:
     terms : tuple of tuple of Term
         Terms of each output.
     memories : tuple of Memory
-        Memories, each made of an input, an output or one before it.
+        Memories, each made from an input, an output or an earlier memory.
     inputs, outputs : tuple of str
         Names of the signals.
     dt : float
         Time step [s].
     scales : mapping of str to float
-        What inputs, outputs and integrals are divided by.
+        Scales by which inputs, outputs and integrals are divided.
     initial : ndarray, shape (output,)
         Scaled outputs at the first sample.
     """
@@ -54,7 +56,7 @@ class Recursion:
 
     @cached_property
     def depth(self) -> dict[str, int]:
-        """How far back each signal is needed."""
+        """Largest lag of each signal."""
         depth = dict.fromkeys([*self.inputs, *self.outputs, *(m.name for m in self.memories)], 1)
         for term in (t for of_output in self.terms for t in of_output):
             for signal, lag in term.signals:
@@ -73,7 +75,7 @@ class Recursion:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What each coefficient belongs to."""
+        """The term or shape parameter that each coefficient belongs to."""
         several = len(self.outputs) > 1
         linear = [
             f"{y}: {t}" if several else str(t) for y, of in zip(self.outputs, self.terms, strict=True) for t in of
@@ -83,7 +85,7 @@ class Recursion:
     # --- one step -----------------------------------------------------------------------------------------------
 
     def values(self, state: State, window: Any) -> dict[tuple[str, int], Any]:
-        """Every lagged signal at one time.
+        """Collect every lagged signal at one time.
 
         Parameters
         ----------
@@ -95,7 +97,7 @@ class Recursion:
         Returns
         -------
         dict of Lagged to array
-            What terms ask for.
+            The lagged signals that terms may use.
         """
         known = {(s, k): window[i, k] for i, s in enumerate(self.inputs) for k in range(self.depth[s] + 1)}
         for signal, past in state.items():
@@ -103,7 +105,7 @@ class Recursion:
         return known
 
     def outputs_of(self, coefficients: Any, values: Mapping[tuple[str, int], Any], time: Any) -> list[Any]:
-        """Outputs one step ahead.
+        """Compute the outputs one step ahead.
 
         Parameters
         ----------
@@ -126,23 +128,23 @@ class Recursion:
         return found
 
     def advance(self, coefficients: Any, state: State, window: Any, outputs: Sequence[Any]) -> State:
-        """Shift the outputs in, and let the memories follow.
+        """Add the new outputs to the state and update the memories.
 
         Parameters
         ----------
         coefficients : jax.Array, shape (coefficient, run)
-            ϑ; the shapes at its end are used.
+            ϑ; only the shapes at its end are used.
         state : State
-            Before.
+            The state before the step.
         window : jax.Array, shape (input, lag + 1, ...)
             The inputs now and before.
         outputs : sequence of jax.Array, shape (run,)
-            Outputs now.
+            The outputs now.
 
         Returns
         -------
         State
-            After.
+            The state after the step.
         """
         new = dict(zip(self.outputs, outputs, strict=True))
         now = {**{s: window[i, 0] for i, s in enumerate(self.inputs)}, **new}
@@ -164,12 +166,12 @@ class Recursion:
         return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
 
     def at_rest(self, like: Any) -> State:
-        """State before the second sample: outputs at their initial values, nothing remembered.
+        """Return the state before the second sample: outputs at their initial values, memories zero.
 
         Parameters
         ----------
         like : jax.Array, shape (run,)
-            An array of as many runs.
+            Any array with one value for each run.
 
         Returns
         -------
@@ -183,7 +185,7 @@ class Recursion:
     # --- many steps ---------------------------------------------------------------------------------------------
 
     def windows(self, x: Any) -> Any:
-        """Lagged copies of the inputs; before the record they are zero.
+        """Return lagged copies of the inputs, which are zero before the record.
 
         Parameters
         ----------
@@ -195,14 +197,12 @@ class Recursion:
         jax.Array, shape (time, input, lag + 1, ...)
             x(t), x(t−1), …
         """
-        from structid.device import jnp
-
         deepest = max(self.depth[s] for s in self.inputs)
         copies = [x if k == 0 else jnp.concatenate([jnp.zeros_like(x[:k]), x[:-k]]) for k in range(deepest + 1)]
         return jnp.stack(copies, axis=2)
 
     def free_run(self, coefficients: Any, x: Any, bound: float, unrolled: int = UNROLLED) -> Any:
-        """Simulate from the model's own past.
+        """Simulate from the past outputs of the model itself.
 
         Parameters
         ----------
@@ -211,25 +211,22 @@ class Recursion:
         x : jax.Array, shape (time, input) or (time, input, run)
             Scaled inputs.
         bound : float
-            Outputs are kept within ± this, so that a run that diverges stays a number.
+            Outputs are kept within ± this value, so that a run that diverges stays finite.
         unrolled : int
-            Steps in one turn of XLA's loop.
+            Steps in one pass of the loop of XLA.
 
         Returns
         -------
         jax.Array, shape (time, output, run)
             Scaled outputs.
         """
-        import jax
-
-        from structid.device import jnp
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             window, time = at
             found = self.outputs_of(coefficients, self.values(state, window), time)
             found = [_bounded(y, bound) for y in found]
-            # What is stored is the output before, which the state holds: of the one just found XLA would make a second
-            # copy of all terms.
+            # The step stores the previous output, which the state holds: to store the new one XLA would compute all terms
+            # twice.
             return self.advance(coefficients, state, window, found), self._last(state)
 
         times = jnp.arange(x.shape[0]) * self.dt
@@ -239,14 +236,12 @@ class Recursion:
 
     def _last(self, state: State) -> Any:
         """Latest outputs in a state, shape (output, run)."""
-        from structid.device import jnp
-
         return jnp.stack([state[y][0] for y in self.outputs])
 
     def multi_step(
         self, coefficients: Any, x: Any, y: Any, horizon: int, bound: float, unrolled: int = UNROLLED
     ) -> Any:
-        """Simulate, starting again from the measured past every `horizon` samples.
+        """Simulate, and start again from the measured past every `horizon` samples.
 
         Parameters
         ----------
@@ -259,18 +254,15 @@ class Recursion:
         horizon : int
             Samples between two starts; 1 is one step ahead.
         bound : float
-            Outputs are kept within ± this.
+            Outputs are kept within ± this value.
         unrolled : int
-            Steps in one turn of XLA's loop.
+            Steps in one pass of the loop of XLA.
 
         Returns
         -------
         jax.Array, shape (time, output, run)
             Scaled outputs.
         """
-        import jax
-
-        from structid.device import jnp
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
             state, measured = carried
@@ -288,17 +280,17 @@ class Recursion:
         return jnp.concatenate([y[:1], rest])
 
     def _from_measured(self, y: Any) -> State:
-        """State before the second sample, the first output measured; inside JAX every part of it varies with the run."""
+        """State before the second sample, from the first measured output; every part of it has one value for each run."""
         start = self.at_rest(y[0, 0])
         return start | {name: (y[0, i], *start[name][1:]) for i, name in enumerate(self.outputs)}
 
     def one_step(self, coefficients: Any, x: Any, y: Any) -> Any:
-        """Terms along measured outputs, for regression; outputs one step ahead are sums of them.
+        """Compute the terms along measured outputs, for regression: outputs one step ahead are linear in them.
 
         Parameters
         ----------
         coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run; only the memories' shapes at its end are used.
+            ϑ of every run; only the shapes of the memories, at its end, are used.
         x : jax.Array, shape (time, input, run)
             Scaled inputs.
         y : jax.Array, shape (time, output, run)
@@ -309,9 +301,6 @@ class Recursion:
         jax.Array, shape (time − 1, term, run)
             Terms of all outputs.
         """
-        import jax
-
-        from structid.device import jnp
 
         def step(state: State, at: Any) -> tuple[State, Any]:
             window, now, time = at
@@ -326,17 +315,14 @@ class Recursion:
 
 def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:
     """One step of Δm = Δs − b |Δs| m − g Δs |m|, by the midpoint rule."""
-    from structid.device import jnp
 
     def slope(m: Any) -> Any:
         return change - b * jnp.abs(change) * m - g * change * jnp.abs(m)
 
-    # What has run away stays a number, as outputs do.
+    # A memory that diverges stays finite, as outputs do.
     return _bounded(held + slope(held + 0.5 * slope(held)), 1e3)
 
 
 def _bounded(value: Any, bound: float) -> Any:
-    """Keep a value within ± a bound; NaN becomes the bound. XLA does this in a third of the time of a clip."""
-    from structid.device import jnp
-
+    """Keep a value within ± a bound; NaN becomes the bound. In XLA this takes a third of the time of a clip."""
     return jnp.where(value < bound, jnp.where(value > -bound, value, -bound), bound)

@@ -19,7 +19,8 @@ from structid.keys import Seconds
 from structid.probability.space import Design, ParameterSpace
 from structid.streams import Purpose, stream
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
-from structid.surrogates.narx.structure import Signals, structure_of
+from structid.surrogates.narx.experiments import Signals
+from structid.surrogates.narx.structure import structure_of
 from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
 
 

@@ -1,4 +1,4 @@
-"""The surrogate of a study: settings from the file, fitted to the true runs, validated on others, kept in the study's folder."""
+"""The surrogate of a study: settings from the words of the file, and the fit to its true runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from structid.errors import InputError
 from structid.models.face import Progress
 from structid.runs import Runs
-from structid.study.schema import SurrogateSection
+from structid.study.schema.kinds import SurrogateSection
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import by_word, load_surrogate
 

@@ -9,9 +9,10 @@ from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.errors import InputError
 from structid.inference.assessment.simulation_based_calibration import Ranks, sbc
-from structid.study.build import BuiltStudy
-from structid.study.run import Stage, load, silent
-from structid.study.surrogate import fitted_surrogate
+from structid.study.building.built_study import BuiltStudy
+from structid.study.building.surrogates import fitted_surrogate
+from structid.study.run import load
+from structid.study.timings import Stage, silent
 from structid.surrogates.face import Surrogate
 
 _FIGURE, _RUNS = "sbc", "sbc_runs.h5"

@@ -1,0 +1,33 @@
+"""structid check: everything that is wrong with a study, and what it will cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from structid.commands.screen import screen
+
+if TYPE_CHECKING:
+    from structid.study.building.built_study import BuiltStudy
+
+
+def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
+    """Say everything that is wrong with a study and what it will cost, without running it."""
+    from structid.study.cost import estimate
+    from structid.study.plausibility import plausibility
+    from structid.study.run import load
+
+    built = load(study)
+    _describe(built)
+    with screen.status("running the model a few times"):
+        sizes, cost = plausibility(built), estimate(built)
+    screen.print("\n".join([*sizes, str(cost)]), markup=False, soft_wrap=True)
+    screen.print(f"[bold green]{study} is in order.[/]")
+
+
+def _describe(built: BuiltStudy) -> None:
+    screen.print(str(built.record), markup=False)
+    screen.print(str(built.model), markup=False)
+    screen.print(repr(built.space), markup=False)

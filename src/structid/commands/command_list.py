@@ -1,0 +1,20 @@
+"""The commands in their order. A new one is a file with a function of its name, and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from structid.commands import check, compare, demo, new, report, run, runs, sbc, serve
+
+COMMANDS: tuple[Callable[..., None], ...] = (
+    demo.demo,
+    run.run,
+    check.check,
+    report.report,
+    compare.compare,
+    sbc.sbc,
+    runs.runs,
+    serve.serve,
+    new.new,
+)
+"""A function's name, signature and docstring are the command's name, options and help."""

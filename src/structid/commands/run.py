@@ -1,0 +1,61 @@
+"""structid run: a study from its file to its report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.commands.screen import FAILED, errors, finish, screen, stage
+
+
+def run(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    out: Annotated[Path, typer.Option(help="Folder for everything it makes.")],
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in that folder.")] = False,
+    executor: Annotated[
+        str,
+        typer.Option(
+            help="Where an external solver's runs are done: serial, processes, processes:4, tcp://scheduler:8786."
+        ),
+    ] = "serial",
+    retry: Annotated[
+        bool, typer.Option("--retry", help="Do again what failed, timed out or diverged; implies --resume.")
+    ] = False,
+    adopt: Annotated[
+        bool,
+        typer.Option("--adopt", help="Keep the true runs although the solver has changed since; implies --resume."),
+    ] = False,
+) -> None:
+    """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
+    run_on_screen(study, out, resume, executor, retry, adopt)
+
+
+def run_on_screen(
+    study: Path, out: Path, resume: bool, executor: str = "serial", retry: bool = False, adopt: bool = False
+) -> None:
+    """Run a study with progress bars, and say what came out.
+
+    Parameters
+    ----------
+    study : Path
+        The study file.
+    out : Path
+        Folder for everything it makes.
+    resume : bool
+        Go on with what is in that folder.
+    executor : str
+        Where an external solver's runs are done.
+    retry, adopt : bool
+        See `run`.
+    """
+    from structid.study.run import run_study
+
+    screen.print(f"[bold]structid[/] {study.name} → {out}")
+    try:
+        outcome = run_study(study, out, resume, stage, executor, retry, adopt)
+    except KeyboardInterrupt:
+        errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
+        raise typer.Exit(FAILED) from None
+    finish(outcome)

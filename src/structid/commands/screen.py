@@ -1,0 +1,131 @@
+"""The screen: what commands print, their progress bars, and the exit codes they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.console import Console
+
+from structid.errors import CampaignStoppedError
+
+if TYPE_CHECKING:
+    from structid.study.run import StudyOutcome
+
+DONE = 0
+"""Exit code: done."""
+FAILED = 1
+"""Exit code: it could not be done."""
+WRONG_INPUT = 2
+"""Exit code: the input is wrong."""
+NOT_CONVERGED = 3
+"""Exit code: done, but not converged or not certified."""
+
+screen = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+
+@contextmanager
+def stage(name: str) -> Iterator[Any]:
+    """Open a progress bar with rate and time left.
+
+    Parameters
+    ----------
+    name : str
+        What is going on.
+
+    Yields
+    ------
+    callable
+        To be told how much is done, of how much.
+    """
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description:<24}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TextColumn("{task.fields[failed]}", style="red"),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=screen) as bar:
+        task = bar.add_task(name, total=None, rate="", failed="")
+
+        def told(done: int, total: int, failed: int = 0) -> None:
+            speed = bar.tasks[0].speed
+            rate, lost = f"{speed:.1f}/s" if speed else "", f"{failed} failed" if failed else ""
+            bar.update(task, completed=done, total=total, rate=rate, failed=lost)
+
+        yield told
+        total = bar.tasks[0].total or 1
+        bar.update(task, completed=total, total=total)
+
+
+def print_table(heads: list[str], rows: list[list[str]]) -> None:
+    """Print a table: a row for each thing where the screen is wide enough, else a block.
+
+    Parameters
+    ----------
+    heads : list of str
+        Of the columns.
+    rows : list of list of str
+        Cells.
+    """
+    from structid.inference.assessment.comparison import aligned
+
+    lines = aligned(heads, rows)
+    if max(map(len, lines)) <= screen.width:
+        screen.print("\n".join(lines), markup=False, soft_wrap=True)
+        return
+    for row in rows:
+        screen.print(f"\n{row[0]}", style="bold", markup=False)
+        for head, cell in zip(heads[1:], row[1:], strict=True):
+            screen.print(f"  {head.ljust(max(map(len, heads)))}  {cell}", markup=False, soft_wrap=True)
+
+
+def finish(outcome: StudyOutcome) -> None:
+    """Say what a study has found. The exit code says whether to believe it.
+
+    Parameters
+    ----------
+    outcome : StudyOutcome
+        Of the study.
+    """
+    screen.print()
+    if outcome.runs is not None:
+        screen.print(str(outcome.runs), markup=False, soft_wrap=True)
+        screen.print()
+    if outcome.result is None:
+        screen.print(f"Report: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+        if outcome.runs is not None and not outcome.runs.done.any():
+            raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
+        return
+    summary = (outcome.calibration or outcome.result).summary()
+    screen.print(str(summary), markup=False, soft_wrap=True)
+    screen.print()
+    if outcome.result.cost is not None:
+        screen.print(f"Exact: {outcome.result.cost}", style="green", soft_wrap=True)
+        screen.print()
+    if outcome.calibration is not None:
+        certificate = outcome.calibration.certificate
+        screen.print(
+            str(certificate), style="green" if certificate.certified else "bold red", markup=False, soft_wrap=True
+        )
+        screen.print()
+    verdict = outcome.result.verdict()
+    screen.print(str(verdict), style="green" if verdict.converged else "bold red", markup=False, soft_wrap=True)
+    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    if not outcome.trusted:
+        raise typer.Exit(NOT_CONVERGED)

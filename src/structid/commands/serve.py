@@ -1,0 +1,24 @@
+"""structid serve: a study's model and posterior over UM-Bridge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.commands.screen import screen
+
+
+def serve(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    port: Annotated[int, typer.Option(help="Where to listen.")] = 4242,
+) -> None:
+    """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
+    from structid.solvers.um_bridge import serve as serve_models
+    from structid.study.run import load
+    from structid.study.serve import offered
+
+    models = offered(load(study))
+    screen.print(f"Serving {', '.join(m.name for m in models)} at http://localhost:{port} (Ctrl-C stops)")
+    serve_models(models, port)

@@ -1,0 +1,37 @@
+"""What a law of the discrepancy says of itself, so that a study file can name it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+SQUARED = "squared channel"
+"""In the place of a unit: the square of the channel's SI unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class LawKind:
+    """One law of the discrepancy: its word and its keys in a study file.
+
+    Parameters
+    ----------
+    law : type
+        The class, whose constructor takes the keys.
+    word : str
+        ``kind`` in a study file.
+    quantities : mapping of str to str
+        Keys that are a number or a prior, and their SI unit, or `SQUARED`.
+    switches : mapping of str to tuple
+        Other keys: the type as pydantic reads it, and the default.
+    """
+
+    law: type[Any]
+    word: str
+    quantities: Mapping[str, str]
+    switches: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Every key it understands."""
+        return (*self.quantities, *self.switches)

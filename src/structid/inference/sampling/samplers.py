@@ -1,0 +1,77 @@
+"""Every sampler there is. A new one is a file with its settings and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, get_type_hints
+
+from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
+from structid.inference.sampling.ensemble import AIES, study_defaults
+from structid.inference.sampling.gradient import NUTS
+from structid.inference.sampling.sampler import Sampler
+from structid.inference.sampling.tempered import SMC
+
+
+@dataclass(frozen=True, eq=False)
+class SamplerKind:
+    """One sampler: its word in a study file, and the defaults it has there.
+
+    Parameters
+    ----------
+    settings : type
+        The class of its settings, a dataclass.
+    word : str
+        ``kind`` in a study file.
+    defaults : callable, optional
+        Settings that a study leaves out, by those it gives; the class's own when left out.
+    hidden : tuple of str
+        Settings that a study file cannot give.
+    """
+
+    settings: type[Any]
+    word: str
+    defaults: Callable[[Mapping[str, Any]], dict[str, Any]] | None = None
+    hidden: tuple[str, ...] = field(default=())
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """Keys of a study file that it understands, and their types."""
+        hints = get_type_hints(self.settings)
+        return {f.name: hints[f.name] for f in fields(self.settings) if f.name not in self.hidden}
+
+    def made(self, given: Mapping[str, Any]) -> Sampler:
+        """Make settings from the keys of a study file.
+
+        Parameters
+        ----------
+        given : mapping of str to object
+            What the file says.
+
+        Returns
+        -------
+        Sampler
+            The settings.
+        """
+        defaults = {} if self.defaults is None else self.defaults(given)
+        sampler: Sampler = self.settings(**{**defaults, **given})
+        return sampler
+
+
+SAMPLERS: tuple[SamplerKind, ...] = (
+    SamplerKind(AIES, "aies", study_defaults),
+    SamplerKind(SMC, "smc", hidden=("least_moves", "most_moves")),
+    SamplerKind(NUTS, "nuts", hidden=("deepest",)),
+    SamplerKind(DelayedAcceptance, "delayed_acceptance", hidden=("approximation",)),
+)
+
+
+def sampler_by_word() -> dict[str, SamplerKind]:
+    """Samplers that a study file can name.
+
+    Returns
+    -------
+    dict of str to SamplerKind
+        By their words.
+    """
+    return {kind.word: kind for kind in SAMPLERS}

@@ -1,0 +1,95 @@
+"""The head of a calibration's page: what was done, and the posterior in numbers."""
+
+from __future__ import annotations
+
+from structid.figures.style import pretty, pretty_unit
+from structid.report.material import PosteriorMaterial
+from structid.report.section import Rows
+from structid.report.tables import number, versions_table
+from structid.units import label
+
+
+def posterior_table(material: PosteriorMaterial) -> Rows:
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows, in display units.
+    """
+    summary = material.summary
+    factors = material.posterior.factors
+    robust = "robust_sd" in summary.columns
+    heads = ["parameter", "mean", "sd", *(["robust sd"] if robust else []), "5 %", "95 %", "MAP"]
+    if material.true_values:
+        heads.append("truth")
+    rows = []
+    for i, (name, unit) in enumerate(zip(summary.names, summary.units, strict=True)):
+        c = {k: float(v[i]) for k, v in summary.columns.items()}
+        shown = [number(c[k], c["sd"]) for k in ("mean", "q05", "q95", "map")]
+        row = [
+            label(pretty(name), pretty_unit(unit)),
+            shown[0],
+            f"{c['sd']:.2g}",
+            *([f"{c['robust_sd']:.2g}"] if robust else []),
+            *shown[1:],
+        ]
+        if material.true_values:
+            truth = material.true_values.get(name)
+            row.append("–" if truth is None else number(truth / factors[i]))
+        rows.append(row)
+    return heads, rows
+
+
+def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
+    """Settings, versions and timings.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    result, sampler = material.result, material.result.sampler
+    steps, ensembles, walkers = result.history.shape[:3]
+    rows = [
+        ["model", str(material.posterior.model)],
+        ["sampler", f"{sampler.in_words}, seed {result.seed}"],
+        ["model runs in sampling", f"{steps * ensembles * walkers:,}" if result.cost is None else str(result.cost)],
+    ]
+    heads, versions = versions_table(timings)
+    return heads, rows + versions
+
+
+def sentence(material: PosteriorMaterial) -> str:
+    """Say in one sentence what was done.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
+    posterior, surrogate = material.posterior, material.surrogate
+    through = "" if surrogate is None else f", through a {surrogate.fitted.kind} surrogate,"
+    records = ", ".join(o.record.name for o in posterior.observations)
+    channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
+    return (
+        f"{len(posterior.model_space.names)} parameters of a {material.true_posterior.model.kind_in_words}{through} calibrated "
+        f"against the measured {channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
+    )

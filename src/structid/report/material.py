@@ -1,0 +1,174 @@
+"""What a study leaves for its report, and the simulations that several sections share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.calibration.calibration_result import CalibrationResult
+from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.record import GroundMotion
+from structid.inference.assessment.identifiability import Identifiability, identifiability
+from structid.inference.likelihood.observation import Observation
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult, Summary
+from structid.models.face import Model
+from structid.optimize.minima import OptimizeResult
+from structid.runs import Runs
+from structid.surrogates.face import Surrogate
+
+
+@dataclass(frozen=True, eq=False)
+class RunsMaterial:
+    """What a study without a measurement leaves.
+
+    Parameters
+    ----------
+    title, settings : str
+        Title, and the study file's text.
+    runs : Runs or None
+        The true runs.
+    surrogate : Surrogate or None
+        What was fitted to them.
+    """
+
+    title: str
+    settings: str
+    runs: Runs | None
+    surrogate: Surrogate | None
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorMaterial(RunsMaterial):
+    """What a calibration leaves.
+
+    Parameters
+    ----------
+    title, settings, runs, surrogate
+        As for `RunsMaterial`; the surrogate that was sampled, or made the proposals.
+    result : SamplingResult
+        Of a `Posterior`.
+    true_posterior : Posterior
+        That of the model itself, for channels and records that a surrogate does not know.
+    searches : dict of str to OptimizeResult
+        Deterministic calibrations by method.
+    raw_record, record : GroundMotion
+        First record before and after processing.
+    truths : tuple of Model or None
+        For each observation the true model of a virtual experiment, or None.
+    true_values : dict of str to float
+        True parameters in SI.
+    other_records : tuple of GroundMotion
+        Records to predict for.
+    prediction_draws : int
+        Draws of the bands.
+    calibration : CalibrationResult or None
+        Certificate and rounds, where the study asks for them.
+    """
+
+    result: SamplingResult
+    true_posterior: Posterior
+    searches: dict[str, OptimizeResult]
+    raw_record: GroundMotion
+    record: GroundMotion
+    truths: tuple[Model | None, ...]
+    true_values: dict[str, float]
+    other_records: tuple[GroundMotion, ...]
+    prediction_draws: int
+    calibration: CalibrationResult | None = None
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior that was sampled."""
+        assert isinstance(self.result.target, Posterior)
+        return self.result.target
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """What was measured."""
+        return self.posterior.observations
+
+    @property
+    def best(self) -> np.ndarray:
+        """The MAP estimate in SI, shape (parameter,)."""
+        return self.result.map_estimate
+
+    @cached_property
+    def draws(self) -> np.ndarray:
+        """Draws of the bands in SI, shape (draw, parameter)."""
+        return self.result.thinned(self.prediction_draws)
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Moments and quantiles, re-weighted where the certificate asks for it."""
+        return self.result.summary() if self.calibration is None else self.calibration.summary()
+
+    @cached_property
+    def information(self) -> Identifiability | None:
+        """Fisher information at the MAP estimate, of a model with derivatives."""
+        return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
+
+    def suffix(self, index: int) -> str:
+        """What tells the figures of several observations apart.
+
+        Parameters
+        ----------
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        str
+            Empty where there is one.
+        """
+        return "" if len(self.observations) == 1 else f"_{index + 1}"
+
+    @cached_property
+    def true_loops(self) -> tuple[np.ndarray | None, ...]:
+        """For each observation displacement, force and energy of the true model (time, channel), or None."""
+        return tuple(
+            None if truth is None else _first(simulated_loops(truth, np.zeros((1, 0)), observation.record))
+            for truth, observation in zip(self.truths, self.observations, strict=True)
+        )
+
+    def completed(self, theta: np.ndarray) -> np.ndarray:
+        """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (model parameter,)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            In SI.
+        """
+        return np.concatenate([theta, self.best[len(theta) :]])
+
+
+def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) -> np.ndarray | None:
+    """Simulate the channels of a model's hysteresis loop.
+
+    Parameters
+    ----------
+    model : Model
+        Any; one that records no loop gives None.
+    parameters : ndarray, shape (run, parameter)
+        In SI, in the order of `Model.free`.
+    record : Excitation
+        What drives it.
+
+    Returns
+    -------
+    ndarray, shape (run, time, 3), or None
+        Displacement, force and absorbed energy in SI.
+    """
+    channels = model.loop_channels
+    return None if channels is None else model.recording(*channels).simulate(parameters, record).values
+
+
+def _first(found: np.ndarray | None) -> np.ndarray | None:
+    return None if found is None else found[0]

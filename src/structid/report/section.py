@@ -1,0 +1,93 @@
+"""What a section of a report is: a title, words, tables and figures, made of what a study leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+Rows = tuple[list[str], list[list[str]]]
+"""Heads and rows of a table."""
+
+M = TypeVar("M", contravariant=True)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table under its caption.
+
+    Parameters
+    ----------
+    caption : str
+        What it shows.
+    rows : tuple of list
+        Heads and rows.
+    of_words : bool
+        Whether its cells are words, to be set to the left and broken.
+    """
+
+    caption: str
+    rows: Rows
+    of_words: bool = False
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure that has been drawn.
+
+    Parameters
+    ----------
+    name : str
+        Of its files, without ending.
+    caption : str
+        What it shows.
+    """
+
+    name: str
+    caption: str
+
+
+Drawing = Callable[[Path], Picture]
+"""Draws one figure into a folder, as PNG and PDF."""
+
+
+def nothing(material: object) -> list[Any]:
+    """Words or tables of a section that has none.
+
+    Parameters
+    ----------
+    material : object
+        Not looked at.
+
+    Returns
+    -------
+    list
+        Empty.
+    """
+    return []
+
+
+@dataclass(frozen=True, eq=False)
+class Section(Generic[M]):
+    """One section of a report.
+
+    Parameters
+    ----------
+    key : str
+        Of its anchor in the page.
+    title : str
+        Its heading.
+    drawings : callable
+        Its figures, of what the study has left; each is drawn by itself, so that progress can be shown.
+    tables : callable
+        Its tables.
+    words : callable
+        Its paragraphs, before the tables.
+    """
+
+    key: str
+    title: str
+    drawings: Callable[[M], Sequence[Drawing]]
+    tables: Callable[[M], Sequence[Table]]
+    words: Callable[[M], Sequence[str]] = nothing

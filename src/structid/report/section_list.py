@@ -1,0 +1,36 @@
+"""The sections of a report in their order. A new one is a file with its `Section` and a line here."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from structid.report.section import Section
+from structid.report.sections import (
+    certificate,
+    chain_convergence,
+    deterministic_minima,
+    fitted_surrogate,
+    marginals_and_pairs,
+    measured_data,
+    measured_response,
+    other_records,
+    true_runs_of_study,
+    whitened_residuals,
+)
+
+OF_A_CALIBRATION: tuple[Section[Any], ...] = (
+    certificate.SECTION,
+    measured_response.SECTION,
+    whitened_residuals.SECTION,
+    marginals_and_pairs.SECTION,
+    deterministic_minima.SECTION,
+    other_records.SECTION,
+    chain_convergence.SECTION,
+    fitted_surrogate.SECTION,
+    true_runs_of_study.SECTION,
+    measured_data.SECTION,
+)
+"""Made of `PosteriorMaterial`."""
+
+OF_RUNS: tuple[Section[Any], ...] = (true_runs_of_study.SECTION, fitted_surrogate.SECTION)
+"""Made of `RunsMaterial`, for a study without a measurement."""

@@ -1,0 +1,88 @@
+"""Deterministic calibration beside the Bayesian one."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+
+from structid.figures import loops as figures
+from structid.figures.style import pretty, pretty_unit
+from structid.optimize.minima import OptimizeResult
+from structid.report.material import PosteriorMaterial, simulated_loops
+from structid.report.section import Drawing, Picture, Rows, Section, Table
+from structid.units import factor, label
+
+
+def _at_zero(value: float) -> str:
+    """A parameter that lies on a bound at zero but for rounding is shown as zero."""
+    return "0" if abs(value) < 1e-12 else f"{value:.5g}"
+
+
+def _minima(material: PosteriorMaterial) -> Rows:
+    """Deterministic minima beside the Bayesian MAP and mean, in display units."""
+    names = material.posterior.model_space.names
+    factors, units = material.posterior.model_space.factors, material.posterior.model_space.units
+    heads = ["method", *(label(pretty(n), pretty_unit(units[n])) for n in names), "unexplained", "starts", "at a bound"]
+    rows = []
+    for method, search in material.searches.items():
+        for minimum in search.minima[:4]:
+            rows.append(
+                [
+                    method,
+                    *(_at_zero(v) for v in minimum.theta / factors),
+                    f"{minimum.value / search.scale:.3%}",
+                    f"{minimum.starts} of {len(search.values)}",
+                    ", ".join(pretty(n) for n in minimum.on_boundary) or "–",
+                ]
+            )
+    size = len(names)
+    misfit = material.posterior.misfit
+    for kind, theta in (("posterior MAP", material.result.map_estimate), ("posterior mean", material.result.mean)):
+        share = float(misfit(theta[None, :size])[0]) / misfit.scale
+        rows.append([kind, *(f"{v:.5g}" for v in theta[:size] / factors), f"{share:.3%}", "–", "–"])
+    return heads, rows
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    return [Table("Minima", _minima(material))] if material.searches else []
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    loops_are_known = material.true_posterior.model.loop_channels is not None
+    return [functools.partial(_identified, material)] if material.searches and loops_are_known else []
+
+
+def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement [mm] and force [kN] at the best minimum."""
+    posterior = material.true_posterior
+    parameters = np.asarray(posterior.model_parameters(material.completed(search.best.theta)[None]))
+    found = simulated_loops(posterior.model, parameters, material.observations[0].record)
+    assert found is not None
+    return found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3
+
+
+def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
+    observation = material.observations[0]
+    channel = observation.channels[0]
+    unit = observation.channel_unit(channel).display
+    truth = material.true_loops[0]
+    predictions = {
+        name: material.posterior.predict(material.completed(s.best.theta)[None])[0, :, 0] / factor(unit)
+        for name, s in material.searches.items()
+    }
+    figures.identified(
+        observation.record.time,
+        observation.values[:, 0] / factor(unit),
+        predictions,
+        None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
+        {name: _loop(material, search) for name, search in material.searches.items()},
+        channel,
+        unit,
+        save=folder / "identified",
+    )
+    return Picture("identified", "Deterministic calibration: loops and histories.")
+
+
+SECTION = Section("deterministic", "Deterministic calibration beside it", _drawings, _tables)

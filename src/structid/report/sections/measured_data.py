@@ -1,0 +1,43 @@
+"""The record and the measurement."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+
+from structid.figures import response as figures
+from structid.report.material import PosteriorMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+from structid.units import factor
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    drawings = [functools.partial(_record, material)]
+    if not np.array_equal(material.raw_record.values, material.record.values):
+        drawings.append(functools.partial(_processing, material))
+    several = range(len(material.observations))
+    return [*drawings, *(functools.partial(_measurement, material, index) for index in several)]
+
+
+def _record(material: PosteriorMaterial, folder: Path) -> Picture:
+    material.record.plot(folder / "record")
+    return Picture("record", f"The record as used: {material.record}.")
+
+
+def _processing(material: PosteriorMaterial, folder: Path) -> Picture:
+    scale = material.record.pga / material.raw_record.pga
+    material.raw_record.scale(scale).plot_filter(material.record, folder / "processing")
+    return Picture("processing", "The record before (scaled to the same peak) and after processing.")
+
+
+def _measurement(material: PosteriorMaterial, index: int, folder: Path) -> Picture:
+    observation, name = material.observations[index], f"measurement{material.suffix(index)}"
+    units = [observation.channel_unit(c).display for c in observation.channels]
+    columns = [observation.values[:, i] / factor(u) for i, u in enumerate(units)]
+    figures.histories(observation.record.time, columns, observation.channels, units, save=folder / name)
+    return Picture(name, f"The measurement on {observation.record.name}.")
+
+
+SECTION = Section("data", "Data", _drawings, nothing)

@@ -1,0 +1,119 @@
+"""The measured response against the posterior prediction, and hysteresis loops."""
+
+from __future__ import annotations
+
+import functools
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from structid.figures import loops as loop_figures
+from structid.figures import response as figures
+from structid.inference.assessment.prediction import Prediction, predict
+from structid.report.material import PosteriorMaterial, simulated_loops
+from structid.report.section import Drawing, Picture, Section, nothing
+from structid.units import factor
+
+LOOP_DRAWS = 40
+"""Draws whose loops are drawn thin behind the MAP estimate's."""
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    drawings: list[Drawing] = []
+    for index, observation in enumerate(material.observations):
+        predicted = _Predicted(material, index)
+        drawings += [functools.partial(_band, predicted, column) for column in range(len(observation.channels))]
+        if material.true_posterior.model.loop_channels is not None:
+            drawings += [functools.partial(_loops, predicted), functools.partial(_energy, predicted)]
+    return drawings
+
+
+class _Predicted:
+    """What the posterior predicts of one observation."""
+
+    def __init__(self, material: PosteriorMaterial, index: int) -> None:
+        self.material, self.index = material, index
+        self.observation = material.observations[index]
+        self.suffix = material.suffix(index)
+
+    @cached_property
+    def draws(self) -> Prediction:
+        """The response of draws, with and without discrepancy."""
+        material = self.material
+        return predict(material.posterior, material.draws, self.observation.record, seed=material.result.seed)
+
+    @cached_property
+    def best(self) -> np.ndarray:
+        """The response of the MAP estimate, shape (time, channel)."""
+        found: np.ndarray = self.material.posterior.predict(self.material.best[None], self.index)[0]
+        return found
+
+    @cached_property
+    def loops(self) -> np.ndarray:
+        """Loops of the MAP estimate and of the draws, shape (draw, time, 3)."""
+        posterior = self.material.true_posterior
+        theta = np.vstack([self.material.best, self.material.draws])
+        found = simulated_loops(posterior.model, np.asarray(posterior.model_parameters(theta)), self.observation.record)
+        assert found is not None
+        return found
+
+    @property
+    def true_loop(self) -> np.ndarray | None:
+        """Loop of the true model, if it is known."""
+        return self.material.true_loops[self.index]
+
+
+def _band(predicted: _Predicted, column: int, folder: Path) -> Picture:
+    observation, prediction = predicted.observation, predicted.draws
+    channel = observation.channels[column]
+    unit = observation.channel_unit(channel).display
+    by = factor(unit)
+    inner, outer = prediction.band(), prediction.band(discrepancy=True)
+    name = f"response_{channel}{predicted.suffix}"
+    figures.bands(
+        prediction.time,
+        observation.values[:, column] / by,
+        predicted.best[:, column] / by,
+        (inner[0][:, column] / by, inner[1][:, column] / by),
+        (outer[0][:, column] / by, outer[1][:, column] / by),
+        channel,
+        unit,
+        save=folder / name,
+    )
+    return Picture(
+        name,
+        f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "
+        "parameters' uncertainty alone does to the model; the light one, with the discrepancy, is where a measurement "
+        "would lie.",
+    )
+
+
+def _loops(predicted: _Predicted, folder: Path) -> Picture:
+    found, truth, name = predicted.loops, predicted.true_loop, f"loops{predicted.suffix}"
+    loop_figures.loops(
+        None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
+        (found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3),
+        save=folder / name,
+        names=("virtual experiment", "MAP"),
+        draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in found[1 : 1 + LOOP_DRAWS]],
+    )
+    caption = "Hysteresis loops at the MAP estimate and at posterior draws (thin)"
+    caption += "." if truth is None else ", against the virtual experiment's, which the calibration has not seen."
+    return Picture(name, caption)
+
+
+def _energy(predicted: _Predicted, folder: Path) -> Picture:
+    found, truth, name = predicted.loops, predicted.true_loop, f"energy{predicted.suffix}"
+    low, high = np.quantile(found[1:, :, 2], [0.05, 0.95], axis=0)
+    figures.energy(
+        predicted.observation.record.time,
+        None if truth is None else truth[:, 2],
+        found[0, :, 2],
+        (low, high),
+        save=folder / name,
+    )
+    return Picture(name, "Energy absorbed by the spring.")
+
+
+SECTION = Section("response", "Response", _drawings, nothing)

@@ -1,0 +1,103 @@
+"""Predictions for records that were not measured."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.figures import response as figures
+from structid.figures.style import pretty_unit
+from structid.ground_motion.record import GroundMotion
+from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.likelihood.posterior import Posterior
+from structid.report.material import PosteriorMaterial
+from structid.report.section import Drawing, Picture, Section, Table
+from structid.report.tables import number
+from structid.units import factor, label
+
+
+class _OtherRecord:
+    """Prediction for one record."""
+
+    def __init__(self, material: PosteriorMaterial, record: GroundMotion) -> None:
+        self.name, self._record, self._material = record.name, record, material
+
+    @cached_property
+    def _posterior(self) -> Posterior:
+        """That of the model itself where the surrogate knows only its own records."""
+        posterior = self._material.posterior
+        try:
+            posterior.model.check_excitation(self._record)
+        except InputError:
+            return self._material.true_posterior
+        return posterior
+
+    @cached_property
+    def draws(self) -> Prediction:
+        """The response of draws."""
+        return predict(self._posterior, self._material.draws, self._record, seed=self._material.result.seed)
+
+    @cached_property
+    def best(self) -> np.ndarray:
+        """The response of the MAP estimate, shape (time, channel)."""
+        found: np.ndarray = predict(self._posterior, self._material.best[None], self._record).response[0]
+        return found
+
+
+@functools.lru_cache(maxsize=1)
+def _others(material: PosteriorMaterial) -> list[_OtherRecord]:
+    """One for each record; tables and figures share what they simulate."""
+    return [_OtherRecord(material, record) for record in material.other_records]
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    rows = [
+        [other.name, label(channel, pretty_unit(unit)), *(number(v, high - low) for v in (low, median, high))]
+        for other in _others(material)
+        for channel, unit, low, median, high in _peaks(other)
+    ]
+    return [Table("Peak response", (["record", "largest", "5 %", "median", "95 %"], rows))] if rows else []
+
+
+def _peaks(other: _OtherRecord) -> Iterator[tuple[str, str, float, float, float]]:
+    """Channel, display unit, and quantiles of the largest response in it."""
+    for column, channel in enumerate(other.draws.channels):
+        unit = other.draws.units[channel].display
+        low, median, high = np.quantile(other.draws.peaks[:, column] / factor(unit), [0.05, 0.5, 0.95])
+        yield channel, unit, low, median, high
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    channels = material.observations[0].channels
+    return [
+        functools.partial(_band, other, number_of_it, column)
+        for number_of_it, other in enumerate(_others(material), start=1)
+        for column in range(len(channels))
+    ]
+
+
+def _band(other: _OtherRecord, number_of_it: int, column: int, folder: Path) -> Picture:
+    channel = other.draws.channels[column]
+    unit = other.draws.units[channel].display
+    by = factor(unit)
+    inner, outer = other.draws.band(), other.draws.band(discrepancy=True)
+    name = f"other_{number_of_it}_{channel}"
+    figures.bands(
+        other.draws.time,
+        None,
+        other.best[:, column] / by,
+        (inner[0][:, column] / by, inner[1][:, column] / by),
+        (outer[0][:, column] / by, outer[1][:, column] / by),
+        channel,
+        unit,
+        save=folder / name,
+    )
+    return Picture(name, f"Predicted {channel} for {other.name}.")
+
+
+SECTION = Section("other-records", "Other records", _drawings, _tables)

@@ -1,0 +1,46 @@
+"""What the best prediction leaves, whitened by the law of the discrepancy."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import numpy as np
+
+from structid.figures import response as figures
+from structid.inference.assessment.residuals import WhitenedResidual
+from structid.report.material import PosteriorMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    return [
+        functools.partial(_residual, residual, material.suffix(index))
+        for index, residual in enumerate(material.result.residuals)
+    ]
+
+
+def _residual(residual: WhitenedResidual, suffix: str, folder: Path) -> Picture:
+    name = f"residuals_{residual.channel}{suffix}"
+    verdict = (
+        "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
+        if residual.correlated
+        else "Nothing speaks against the law of the discrepancy"
+    )
+    figures.residuals(
+        np.arange(len(residual.autocorrelation)) * residual.dt,
+        residual.autocorrelation,
+        residual.bound,
+        *residual.spectrum,
+        residual.values,
+        save=folder / name,
+    )
+    return Picture(
+        name,
+        f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and law are "
+        "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
+        f"{verdict}.",
+    )
+
+
+SECTION = Section("residuals", "Residuals", _drawings, nothing)

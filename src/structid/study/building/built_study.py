@@ -1,0 +1,168 @@
+"""Everything a study needs to run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from structid.calibration.sequential import Plan
+from structid.errors import InputError, suggestion
+from structid.ground_motion.record import GroundMotion
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Sampler
+from structid.journal import digest
+from structid.models.face import Model
+from structid.probability.space import Design, ParameterSpace
+from structid.study.schema.study_file import StudyFile
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.registry import by_word
+from structid.units import to_si
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltStudy:
+    """Everything a study needs to run.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file said.
+    folder : Path
+        Where its relative paths start.
+    raw_record, record : GroundMotion
+        The study's record as read, and after processing.
+    space : ParameterSpace
+        The model's unknown parameters.
+    model : Model
+        The model.
+    campaign : Design or None
+        Points of the true runs, if the study asks for them.
+    campaign_records : tuple of GroundMotion
+        What drives them, dealt out in turn.
+    posterior : Posterior or None
+        Of the model's parameters and the discrepancy's; None for a study without an observation.
+    sampler : Sampler
+        Its settings.
+    truths : tuple
+        For each observation the true model of a virtual experiment, or None.
+    other_records : tuple of GroundMotion
+        Records to predict for.
+    plan : Plan or None
+        How true runs are spent on a certified calibration, if the study asks for one.
+    """
+
+    file: StudyFile
+    folder: Path
+    raw_record: GroundMotion
+    record: GroundMotion
+    space: ParameterSpace
+    model: Model
+    campaign: Design | None
+    campaign_records: tuple[GroundMotion, ...]
+    posterior: Posterior | None
+    sampler: Sampler
+    truths: tuple[Model | None, ...]
+    other_records: tuple[GroundMotion, ...]
+    plan: Plan | None
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything the runs and the draws depend on."""
+        return digest(self.identity)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What the runs and the draws depend on, part by part, so that it can be said which has changed."""
+        parts: dict[str, Any] = {
+            "model": self.model.content_hash,
+            "parameters": self.space.content_hash,
+            "record": self.record.content_hash,
+            "seed": self.file.seed,
+        }
+        if self.campaign is not None:
+            parts["campaign records"] = [r.content_hash for r in self.campaign_records]
+        if self.posterior is not None:
+            parts["observation"] = digest([o.describe() for o in self.posterior.observations])
+            parts["discrepancy"] = digest(self.posterior.discrepancy.describe())
+            parts["sampler"] = digest(self.sampler.describe())
+        if self.has_surrogate:
+            said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
+            parts["surrogate"] = digest(said)
+        if self.plan is not None:
+            parts["calibration"] = digest(self.plan.describe())
+        return parts
+
+    def working_in(self, folder: Path) -> BuiltStudy:
+        """Return the study with a folder for the files that runs of its model leave.
+
+        Parameters
+        ----------
+        folder : Path
+            The folder.
+
+        Returns
+        -------
+        BuiltStudy
+            The same study.
+        """
+        model = self.model.working_in(folder)
+        posterior = None if self.posterior is None else self.posterior.on(model)
+        return self if model is self.model else replace(self, model=model, posterior=posterior)
+
+    @property
+    def surrogate_kind(self) -> SurrogateKind | None:
+        """Kind of the surrogate, if one stands in for the model."""
+        return by_word().get(self.file.surrogate.kind)
+
+    @property
+    def has_surrogate(self) -> bool:
+        """Whether a surrogate stands in for the model."""
+        return self.file.surrogate.kind != "none"
+
+    @property
+    def validation_runs(self) -> int:
+        """True runs that validate the surrogate: as many on each record for one that knows only its own."""
+        section = self.file.surrogate
+        each = self.surrogate_kind is not None and self.surrogate_kind.own_records
+        return section.validation * (len(self.campaign_records) if each else 1)
+
+    @property
+    def sampled(self) -> Posterior:
+        """The posterior of a study that has an observation."""
+        assert self.posterior is not None
+        return self.posterior
+
+    @property
+    def search_methods(self) -> tuple[str, ...]:
+        """The deterministic searches: both for a built-in model unless the file says otherwise, none for an external one."""
+        methods = self.file.deterministic.methods
+        if methods is None:
+            return ("pattern_search", "interior_point") if self.model.traceable else ()
+        if "interior_point" in methods and not self.model.traceable:
+            raise InputError(
+                "key 'deterministic.methods'", "'interior_point' for an external model, which has no derivatives",
+                "['pattern_search'] or []", "Pattern search needs none, but hundreds of runs.",
+            )  # fmt: skip
+        return methods
+
+    @property
+    def search_bounds(self) -> dict[str, tuple[float, float]] | None:
+        """Bounds of the deterministic searches in SI, None for the priors' supports."""
+        space = self.space
+        bounds = {}
+        for name, (low, high) in self.file.deterministic.bounds.items():
+            key = f"key 'deterministic.bounds.{name}'"
+            if name not in space.names:
+                raise InputError(key, "no such parameter", ", ".join(space.names), suggestion(name, space.names))
+            bounds[name] = (to_si(low, space.units[name], key), to_si(high, space.units[name], key))
+        return bounds or None
+
+    @property
+    def true_values(self) -> dict[str, float]:
+        """True values of the sampled parameters in a virtual experiment, in SI, where the two models share a name."""
+        truth = self.truths[0] if self.truths else None
+        if truth is None:
+            return {}
+        values = {n: getattr(truth, n, None) for n in self.space.names}
+        return {n: float(v) for n, v in values.items() if isinstance(v, (int, float))}

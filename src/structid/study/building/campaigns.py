@@ -1,0 +1,56 @@
+"""The true runs of a study: points, and the records that drive them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from structid.ground_motion.record import GroundMotion
+from structid.probability.space import Design, ParameterSpace
+from structid.study.building.records import load_record
+from structid.study.schema.study_file import StudyFile
+from structid.study.schema.tables import CampaignSection
+from structid.surrogates.registry import by_word
+
+SURROGATE_RUNS = 500
+"""True runs of a study with a surrogate that does not say how many."""
+
+SURROGATE_WIDENING = 2.0
+"""How much further than the prior the design of a surrogate reaches, in normal scores."""
+
+
+def build_campaign(
+    file: StudyFile, folder: Path, space: ParameterSpace, driven_by: tuple[GroundMotion, ...]
+) -> tuple[Design | None, tuple[GroundMotion, ...]]:
+    """Draw the design of true runs, and read the records that drive them: the study's, and for a surrogate the observations'.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file says.
+    folder : Path
+        Where relative paths start.
+    space : ParameterSpace
+        The unknown parameters.
+    driven_by : tuple of GroundMotion
+        Records of study and observations.
+
+    Returns
+    -------
+    tuple of Design or None, and tuple of GroundMotion
+        Points, and what drives them in turn; None for a study without true runs.
+    """
+    section, kind = file.campaign, file.surrogate.kind
+    if file.calibration is not None or (section is None and kind == "none"):
+        return None, ()
+    section = section or CampaignSection(runs=SURROGATE_RUNS)
+    seed = file.seed if section.seed is None else section.seed
+    further = [load_record(r, folder, f"campaign.records.{i}") for i, r in enumerate(section.records)]
+    # A design that a surrogate is fitted to reaches further into the tails than the prior.
+    widen = section.widen or (1.0 if kind == "none" else SURROGATE_WIDENING)
+    design = space.sample(section.runs, seed, section.method, widen)
+    records = (*(driven_by[:1] if kind == "none" else driven_by), *further)
+    if kind != "none" and by_word()[kind].own_records:  # every point on each of them
+        design = Design(np.repeat(design.values, len(records), axis=0), space)
+    return design, records

@@ -1,0 +1,99 @@
+"""Whether the parts of a study fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.calibration.sequential import Plan
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.optimize.region import region
+from structid.probability.space import Design
+from structid.study.building.built_study import BuiltStudy
+from structid.study.building.surrogates import surrogate_settings
+
+
+def check_before_anything_is_written(study: BuiltStudy) -> None:
+    """Refuse what sampler, searches and surrogate would refuse, before a folder is taken.
+
+    Parameters
+    ----------
+    study : BuiltStudy
+        The study.
+
+    Raises
+    ------
+    InputError
+        If its parts do not fit together.
+    """
+    if study.posterior is None and study.campaign is None:
+        raise InputError(
+            "the file",
+            "neither an [observation] nor a [campaign]",
+            "one of them, or both",
+            "Say what to calibrate, or what to run.",
+        )
+    unused = study.file.surrogate.model_fields_set - {"kind"}
+    if unused and not study.has_surrogate:
+        raise InputError(
+            f"key 'surrogate.{min(unused)}'",
+            "it is given with kind = 'none'",
+            "a kind of surrogate, or no key beside kind",
+        )
+    if study.sampler.exact and not study.has_surrogate:
+        raise InputError(
+            "key 'sampler.kind'",
+            "'delayed_acceptance' without a [surrogate]",
+            "a kind of surrogate that makes proposals",
+        )
+    if study.plan is not None:
+        _check_calibration(study, study.plan)
+    if study.campaign is not None and study.has_surrogate:
+        _check_surrogate(study, study.campaign, study.campaign_records)
+    if study.posterior is None:
+        return
+    dimension = study.posterior.dimension
+    if study.sampler.needs_derivatives:
+        if not (study.has_surrogate or study.model.traceable):
+            raise InputError(
+                "key 'sampler.kind'", "'nuts' for an external model, which has no derivatives",
+                "'aies' or 'smc', or a [surrogate]",
+            )  # fmt: skip
+    elif study.sampler.interacting and study.sampler.walkers < 2 * dimension:
+        raise InputError(
+            "key 'sampler.walkers'", f"{study.sampler.walkers} for {dimension} parameters", f"{2 * dimension} or more"
+        )
+    if study.search_methods:
+        region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
+
+
+def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
+    """What a certified calibration has no use for, or cannot do without."""
+    said = study.file.surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
+    own = "one of the two: a calibration does its own runs"
+    judged = "no such key: the certificate judges the surrogate"
+    refusals = (
+        (not study.has_surrogate, "table 'calibration'", "no kind of [surrogate]", "a surrogate such as 'pod_kriging'"),
+        (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
+        (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
+        (bool(said), f"key 'surrogate.{min(said, default='')}'", "it is given beside [calibration]", judged),
+    )
+    for wrong, where, came, allowed in refusals:
+        if wrong:
+            raise InputError(where, came, allowed)
+    assert study.posterior is not None
+    records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
+    points = np.repeat(study.space.sample(plan.start, 0, "sobol").values, len(records), axis=0)
+    _check_surrogate(study, Design(points, study.space), records)
+
+
+def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
+    """What fitting would refuse, said before hours of true runs."""
+    settings = surrogate_settings(study.file.surrogate)
+    try:
+        settings.check(design, records, study.model.channels)
+    except InputError as error:
+        where = f"tables 'surrogate' and 'campaign': {error.where}"
+        raise InputError(where, error.came, error.allowed, error.cure) from None

@@ -1,0 +1,93 @@
+"""The model of a study, with every parameter it knows and the space has as free."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
+
+from structid.errors import InputError, suggestion
+from structid.models.face import Model
+from structid.models.kind import ModelKind, ModelRequest
+from structid.probability.expressions import parse_expression
+from structid.probability.space import ParameterSpace
+from structid.study.kinds.model_list import model_by_word
+from structid.study.schema.tables import ModelSection
+
+
+def build_model(
+    section: ModelSection, space: ParameterSpace, derived: dict[str, str], channels: tuple[str, ...], folder: Path
+) -> Model:
+    """Build the model of a study.
+
+    Parameters
+    ----------
+    section : ModelSection
+        What the file says.
+    space : ParameterSpace
+        The unknown parameters.
+    derived : dict of str to str
+        Expressions of the derived ones.
+    channels : tuple of str
+        What somebody measures or wants.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    Model
+        The model.
+
+    Raises
+    ------
+    InputError
+        If a parameter has a value and a prior, or the model has no such parameter.
+    """
+    kind = model_by_word()[section.type]
+    given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
+    if kind.parameters is None:
+        return kind.build(ModelRequest(given, space, (), channels, folder))
+    known = kind.parameters(given)
+    _check_parameters(kind, known, given, space, derived)
+    free = tuple(name for name in space.all_names if name in known)
+    return kind.build(ModelRequest(given, space, free, channels, folder))
+
+
+def _check_parameters(
+    kind: ModelKind, known: Collection[str], given: dict[str, Any], space: ParameterSpace, derived: dict[str, str]
+) -> None:
+    """Refuse parameters that have a value as well, and names that the model lacks."""
+    ingredients = {n for name, text in derived.items() for n in parse_expression(text, f"derived.{name}")[1]}
+    for name in space.all_names:
+        key = f"key 'parameters.{name}'" if name in space.names else f"key 'derived.{name}'"
+        if name in given:
+            raise InputError(key, "it has a value in [model] as well", "one of the two", "Remove one of them.")
+        # A name the model lacks must at least be an ingredient of a derived one.
+        if name not in known and name not in ingredients:
+            raise InputError(
+                key,
+                f"the model {kind.word} has no parameter '{name}'",
+                ", ".join(kind.named_in_messages or known) + kind.note,
+                suggestion(name, known),
+            )
+
+
+def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -> Model:
+    """Build the true model of a virtual experiment, all of whose parameters are known.
+
+    Parameters
+    ----------
+    section : ModelSection
+        What the file says.
+    channels : tuple of str
+        What is measured.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    Model
+        Without free parameters.
+    """
+    given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
+    return model_by_word()[section.type].build(ModelRequest(given, ParameterSpace(), (), channels, folder))

@@ -1,0 +1,149 @@
+"""What a study has measured, and the law of the difference between model and measurement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.channels import standard_unit
+from structid.errors import InputError
+from structid.ground_motion.record import GroundMotion
+from structid.histories import Histories
+from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.law_kind import SQUARED
+from structid.inference.likelihood.laws import law_by_word
+from structid.inference.likelihood.observation import Observation
+from structid.models.face import Model
+from structid.streams import Purpose, stream
+from structid.study.building.models import true_model
+from structid.study.building.priors import known_or_prior, prior_of
+from structid.study.schema.study_file import StudyFile
+from structid.study.schema.tables import ObservationSection, VirtualSection
+from structid.units import to_si
+
+
+def build_observation(
+    section: ObservationSection, record: GroundMotion, folder: Path, where: str, seed: int, index: int
+) -> tuple[Observation, Model | None]:
+    """Read a measured history, or simulate a virtual one.
+
+    Parameters
+    ----------
+    section : ObservationSection
+        What the file says.
+    record : GroundMotion
+        What drove the structure.
+    folder : Path
+        Where relative paths start.
+    where : str
+        The key, for messages.
+    seed, index : int
+        The study's seed, and which observation it is.
+
+    Returns
+    -------
+    tuple of Observation and Model or None
+        The measurement; and the true model of a virtual one.
+    """
+    if (section.file is None) == (section.virtual is None):
+        came = "neither file nor virtual" if section.file is None else "both file and virtual"
+        raise InputError(f"key '{where}'", came, "exactly one of the two")
+    unit = standard_unit(section.channels[0]).si
+    nuisances: dict[str, Any] = {
+        name: prior_of(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
+        for name in ("gain", "offset", "time_shift")
+        if (prior := getattr(section, name)) is not None
+    }
+    if section.virtual is not None:
+        truth, values = _virtual_experiment(section.virtual, record, section.channels, folder, seed, index)
+        return Observation(record, values, section.channels, name=where, **nuisances), truth
+    assert section.file is not None
+    if len(section.channels) != 1:
+        raise InputError(
+            f"key '{where}.channels'",
+            f"{list(section.channels)} from one file",
+            "one channel for each file",
+            "Give each channel its own [[observation]].",
+        )
+    if section.unit is None:
+        raise InputError(
+            f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
+        )
+    if unit:
+        to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
+    path = folder / section.file
+    return Observation.read(
+        record, path, section.unit, section.channels[0], section.column, section.dt, **nuisances
+    ), None
+
+
+def _virtual_experiment(
+    section: VirtualSection,
+    record: GroundMotion,
+    channels: tuple[str, ...],
+    folder: Path,
+    seed: int,
+    index: int,
+) -> tuple[Model, np.ndarray]:
+    """Simulate the true model and add white noise of a fraction of each channel's RMS."""
+    truth = true_model(section.model, channels, folder)
+    run: Histories = truth.simulate(np.zeros((1, 0)), record)
+    if not run.done[0]:
+        raise InputError(
+            "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
+        )
+    values = run.values[0]
+    own = (seed, index) if section.seed is None else (section.seed, 0)
+    rng = stream(own[0], Purpose.VIRTUAL_NOISE, own[1])
+    rms = np.sqrt((values**2).mean(axis=0))
+    return truth, values + section.noise * rms * rng.standard_normal(values.shape)
+
+
+def build_discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy:
+    """Build the law of the difference between model and measurement.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file says.
+    channels : tuple of str
+        Every measured channel.
+
+    Returns
+    -------
+    Discrepancy
+        The law.
+
+    Raises
+    ------
+    InputError
+        If a key means nothing for the law, or a value is none it takes.
+    """
+    section = file.discrepancy
+    kind = law_by_word()[section.kind]
+    given = section.model_fields_set - {"kind"}
+    for key in given:
+        if key not in kind.keys:
+            raise InputError(f"key 'discrepancy.{key}'", f"a key that {kind.word} does not know", ", ".join(kind.keys))
+    units = {standard_unit(c).si for c in channels}
+    for key, measures in kind.quantities.items():
+        if measures == SQUARED and getattr(section, key) is not None and len(units) > 1:
+            raise InputError(
+                f"key 'discrepancy.{key}'",
+                f"one variance for channels in {', '.join(sorted(units))}",
+                "nothing, so that each channel has its own unknown variance",
+            )
+    squared = f"({units.pop()})^2"
+    values = {
+        key: known_or_prior(getattr(section, key), key, squared if measures == SQUARED else measures)
+        for key, measures in kind.quantities.items()
+        if key in given
+    }
+    values |= {key: getattr(section, key) for key in kind.switches if key in given}
+    try:
+        law: Discrepancy = kind.law(**values)
+    except InputError as error:
+        raise InputError(f"table 'discrepancy': {error.where}", error.came, error.allowed, error.cure) from None
+    return law

@@ -1,0 +1,136 @@
+"""Priors of a study, and the space they make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from structid.errors import InputError
+from structid.probability import marginals
+from structid.probability.space import ParameterSpace
+from structid.probability.truncation import Marginal
+from structid.study.kinds.model_list import model_by_word
+from structid.study.schema.study_file import StudyFile
+from structid.study.schema.tables import PriorSection
+from structid.units import factor, to_si
+
+_FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
+    "uniform": (marginals.Uniform, ("low", "high")),
+    "normal": (marginals.Normal, ("mean", "sd", "low", "high")),
+    "lognormal": (marginals.LogNormal, ("mean", "sd", "log_mean", "log_sd", "low", "high")),
+    "gamma": (marginals.Gamma, ("mean", "sd", "shape", "rate", "low", "high")),
+    "beta": (marginals.Beta, ("mean", "sd", "a", "b", "low", "high")),
+    "weibull": (marginals.Weibull, ("mean", "sd", "shape", "scale", "low", "high")),
+    "gumbel": (marginals.Gumbel, ("mean", "sd", "location", "scale", "low", "high")),
+}
+_WITH_UNIT = ("mean", "sd", "low", "high", "scale", "location")
+_PURE = ("shape", "rate", "log_mean", "log_sd", "a", "b")
+
+
+def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal:
+    """Build a prior.
+
+    Parameters
+    ----------
+    section : PriorSection
+        What the file says.
+    where : str
+        The key, for messages.
+    si_unit : str or None
+        What it must measure; None for a parameter that the model does not know.
+
+    Returns
+    -------
+    Marginal
+        The prior.
+    """
+    make, allowed = _FAMILIES[section.distribution]
+    unit = (si_unit or "") if section.unit is None else section.unit
+    if si_unit is not None:
+        to_si(f"1 {unit}", si_unit, f"key '{where}.unit'")
+    values: dict[str, Any] = {}
+    for name in (*_WITH_UNIT, *_PURE):
+        value = getattr(section, name)
+        if value is None:
+            continue
+        if name not in allowed:
+            raise InputError(
+                f"key '{where}.{name}'", f"it is given for a {section.distribution} distribution", ", ".join(allowed)
+            )
+        values[name] = to_si(value, unit, f"key '{where}.{name}'") / factor(unit) if name in _WITH_UNIT else value
+    try:
+        return make(**values, unit=unit)
+    except TypeError:
+        missing = [n for n in allowed[:2] if n not in values]
+        raise InputError(f"key '{where}'", f"{', '.join(missing)} missing", f"{', '.join(allowed[:2])}") from None
+    except InputError as error:
+        raise InputError(f"key '{where}': {error.where}", error.came, error.allowed, error.cure) from None
+
+
+def parameter_prior(file: StudyFile, name: str) -> Marginal:
+    """Build the prior of a parameter of the model.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file says.
+    name : str
+        The parameter.
+
+    Returns
+    -------
+    Marginal
+        Its prior.
+    """
+    base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
+    kind = model_by_word()[file.model.type]
+    unit = None
+    if kind.parameter_unit is not None:
+        unit = kind.parameter_unit(base, file.model.model_dump(), (*file.parameters, *file.derived))
+    return prior_of(file.parameters[name], f"parameters.{name}", unit)
+
+
+def parameter_space(file: StudyFile) -> ParameterSpace:
+    """Build the space of the model's unknown parameters.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What the file says.
+
+    Returns
+    -------
+    ParameterSpace
+        Priors, derived parameters, correlation.
+    """
+    priors = {name: parameter_prior(file, name) for name in file.parameters}
+    correlation = {}
+    for pair, value in file.correlation.items():
+        names = [n.strip() for n in pair.split(",")]
+        if len(names) != 2:
+            raise InputError(f"key 'correlation.{pair}'", f"'{pair}'", 'two names, such as "stiffness, alpha" = 0.4')
+        correlation[names[0], names[1]] = value
+    return ParameterSpace(correlation or None, file.derived, **priors)
+
+
+def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:
+    """Turn a parameter of the discrepancy into a number in SI or a prior.
+
+    Parameters
+    ----------
+    value : float, str, PriorSection or None
+        What the file says.
+    key : str
+        Its key.
+    unit : str
+        SI unit.
+
+    Returns
+    -------
+    float, Marginal or None
+        None where the file says nothing.
+    """
+    where = f"discrepancy.{key}"
+    if value is None:
+        return None
+    return prior_of(value, where, unit) if isinstance(value, PriorSection) else to_si(value, unit, f"key '{where}'")

@@ -1,0 +1,68 @@
+"""The sampler of a study, and the plan of its calibration."""
+
+from __future__ import annotations
+
+from structid.calibration.sequential import Plan
+from structid.errors import InputError
+from structid.inference.sampling.sampler import Sampler
+from structid.inference.sampling.samplers import sampler_by_word
+from structid.study.schema.kinds import SamplerSection
+from structid.study.schema.tables import CalibrationSection
+
+
+def build_sampler(section: SamplerSection) -> Sampler:
+    """Build the sampler of a study.
+
+    Parameters
+    ----------
+    section : SamplerSection
+        What the file says.
+
+    Returns
+    -------
+    Sampler
+        Its settings.
+
+    Raises
+    ------
+    InputError
+        If a key means nothing for the sampler, or a value is none it takes.
+    """
+    kind = sampler_by_word()[section.kind]
+    given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}
+    for key in given:
+        if key not in kind.keys:
+            raise InputError(
+                f"key 'sampler.{key}'", f"a key that {kind.word} does not know", ", ".join(sorted(kind.keys))
+            )
+    try:
+        return kind.made(given)
+    except InputError as error:
+        key = error.where.replace(f"{kind.settings.__name__}.", "sampler.")
+        raise InputError(f"key '{key}'", error.came, error.allowed, error.cure) from None
+
+
+def build_plan(section: CalibrationSection | None) -> Plan | None:
+    """Build the plan of a certified calibration.
+
+    Parameters
+    ----------
+    section : CalibrationSection or None
+        What the file says.
+
+    Returns
+    -------
+    Plan or None
+        None for a study without one.
+
+    Raises
+    ------
+    InputError
+        If the budget is too small.
+    """
+    if section is None:
+        return None
+    try:
+        return Plan(**section.model_dump())
+    except InputError as error:
+        raise InputError(f"table 'calibration': {error.where}", error.came, error.allowed, error.cure) from None

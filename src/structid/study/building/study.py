@@ -1,0 +1,109 @@
+"""From the words of a study file to a study that is ready to run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+from structid.errors import InputError
+from structid.ground_motion.record import GroundMotion
+from structid.inference.likelihood.posterior import Posterior
+from structid.study.building.built_study import BuiltStudy
+from structid.study.building.campaigns import build_campaign
+from structid.study.building.checks import check_before_anything_is_written
+from structid.study.building.models import build_model
+from structid.study.building.observations import build_discrepancy, build_observation
+from structid.study.building.priors import parameter_prior, parameter_space
+from structid.study.building.records import load_record, processed, read_record
+from structid.study.building.samplers import build_plan, build_sampler
+from structid.study.schema.problems import StudyErrors
+from structid.study.schema.study_file import StudyFile
+
+
+def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> BuiltStudy:
+    """Build a study.
+
+    Parameters
+    ----------
+    file : StudyFile
+        The checked file.
+    folder : Path
+        Where relative paths start.
+    solver_folder : Path, optional
+        Where those of an external solver start, if not there.
+
+    Returns
+    -------
+    BuiltStudy
+        Ready to run.
+
+    Raises
+    ------
+    InputError
+        If its parts do not fit together; `StudyErrors` if several are wrong by themselves.
+    """
+    try:
+        return _built(file, folder, solver_folder)
+    except InputError as first:
+        # Each mistake that needs no other part to be seen is told with it, so that one correction does not lead to the next.
+        told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder)]))
+        if len(told) == 1:
+            raise
+        raise StudyErrors(file.name, told) from None
+
+
+def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
+    """What is wrong with records, priors, discrepancy, sampler and plan, each by itself."""
+    records = {
+        "record": file.record,
+        **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
+        **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records)},
+    }
+    channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
+    parts: list[Callable[[], object]] = [
+        *(partial(load_record, section, folder, where) for where, section in records.items()),
+        *(partial(parameter_prior, file, name) for name in file.parameters),
+        *([partial(build_discrepancy, file, channels)] if channels else []),
+        partial(build_sampler, file.sampler),
+        partial(build_plan, file.calibration),
+    ]
+    told = []
+    for part in parts:
+        try:
+            part()
+        except InputError as error:
+            told.append(str(error))
+    return told
+
+
+def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltStudy:
+    raw = read_record(file.record, folder, "record")
+    record = processed(raw, file.record, "record")
+    if file.record.trim is not None:
+        raw = raw.trim(*file.record.trim)  # the same instants as the processed one, to be drawn beside it
+    space = parameter_space(file)
+    wanted = file.campaign.channels if file.campaign is not None else ()
+    channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))
+    model = build_model(file.model, space, file.derived, channels or ("velocity",), solver_folder or folder)
+    observations, truths = [], []
+    for index, section in enumerate(file.observation):
+        where = "observation" if len(file.observation) == 1 else f"observation.{index}"
+        own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
+        observation, truth = build_observation(section, own, folder, where, file.seed, index)
+        observations.append(observation)
+        truths.append(truth)
+    posterior = None
+    if observations:
+        measured = tuple(dict.fromkeys(c for o in observations for c in o.channels))
+        law = build_discrepancy(file, measured)
+        posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
+    others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
+    driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
+    design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))
+    sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
+    study = BuiltStudy(
+        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan
+    )  # fmt: skip
+    check_before_anything_is_written(study)
+    return study

@@ -1,0 +1,208 @@
+"""The folder of a study: what lies where, whose it is, and the copies of what the study reads."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS
+from structid.errors import InputError
+from structid.journal import compare_identity, differences, write_then_rename
+from structid.study.building.built_study import BuiltStudy
+from structid.study.building.study import build
+from structid.study.schema.study_file import StudyFile, parse_study
+
+IDENTITY = "identity.json"
+"""What a study depends on, and where its inputs lie."""
+
+STUDY = "study.toml"
+"""The study file."""
+
+INPUTS = "inputs"
+"""Copies of the files that the study reads."""
+
+TIMINGS = "timings.json"
+"""Seconds of every stage."""
+
+FIGURES = "figures"
+"""Drawings of the page."""
+
+POSTERIOR = "posterior.nc"
+"""Draws and predictions in ArviZ's schema."""
+
+CHAINS = "chains.h5"
+"""Draws of a plain sampling."""
+
+SURROGATE = "surrogate.h5"
+"""The fitted surrogate."""
+
+VALIDATION = "validation.h5"
+"""True runs that validate it."""
+
+SCRATCH = "scratch"
+"""Files that true runs leave."""
+
+
+def has_draws(folder: Path) -> bool:
+    """Whether there are draws, of a plain sampling or of a calibration.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a study.
+
+    Returns
+    -------
+    bool
+        True from the first finished sampling on.
+    """
+    return (folder / CHAINS).is_file() or any((folder / CALIBRATION_FOLDER).glob("chains_*.h5"))
+
+
+def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
+    """Read the study in a folder, its file names turned to the copies.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder that a study has filled.
+
+    Returns
+    -------
+    tuple of StudyFile and dict
+        The study, and what identifies it.
+
+    Raises
+    ------
+    InputError
+        If the folder holds no finished study.
+    """
+    identity = folder / IDENTITY
+    if not identity.is_file() or not (has_draws(folder) or (folder / CAMPAIGN_RUNS).is_file()):
+        raise InputError(
+            f"{folder}",
+            "it holds no finished study",
+            "a folder that structid run has filled",
+            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+        )
+    told = json.loads(identity.read_text())
+    return _with_kept_inputs(folder, told["inputs"]), told
+
+
+def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
+    """Build the study that has been sampled in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    file : StudyFile
+        The study in it.
+    told : dict
+        What identifies it.
+
+    Returns
+    -------
+    BuiltStudy
+        The same study.
+
+    Raises
+    ------
+    InputError
+        If nothing has been sampled.
+    """
+    if not has_draws(folder):
+        raise InputError(
+            f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
+            "Finish it first: structid run STUDY.toml --out DIR --resume.",
+        )  # fmt: skip
+    study = build(file, folder / INPUTS, Path(told["folder"]))
+    compare_identity(folder, told["study"], study.identity)
+    return study
+
+
+def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool) -> None:
+    """Take a folder for this study, or refuse it; nothing in it is touched when it is refused.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    study : BuiltStudy
+        The study.
+    path : Path
+        Its file.
+    resume : bool
+        Go on with what is there.
+    adopt : bool
+        Keep the true runs of another version of the model.
+
+    Raises
+    ------
+    InputError
+        If the folder holds something else.
+    """
+    told = folder / IDENTITY
+    if told.is_file():
+        found = json.loads(told.read_text())["study"]
+        if not (adopt and differences(found, study.identity) == ["model"]):
+            compare_identity(folder, found, study.identity)
+        if not resume:
+            raise InputError(
+                f"--out {folder}",
+                "it already holds this study",
+                "an empty or new folder",
+                "Add --resume to go on with it, or name another folder.",
+            )
+    elif folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            f"--out {folder}", "it is not empty and holds no study", "an empty or new folder", "Name another folder."
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    if path.resolve() != (folder / STUDY).resolve():
+        shutil.copyfile(path, folder / STUDY)
+    inputs = _keep_inputs(study, folder)
+    identity = {
+        "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
+    }  # fmt: skip
+    write_then_rename(told, json.dumps(identity, indent=2).encode())
+
+
+def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:
+    """Copy every file the study reads into its folder, so that the report needs nothing else; old names to new ones."""
+    kept: dict[str, str] = {}
+    for name in dict.fromkeys(_file_names(study.file.model_dump(exclude={"model"}))):
+        kept[name] = f"{len(kept)}/{Path(name).name}"
+        target = folder / INPUTS / kept[name]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(study.folder / name, target)
+    return kept
+
+
+def _file_names(content: Any) -> Iterator[str]:
+    """Every value of a key ``file``, however deep."""
+    if isinstance(content, dict):
+        for key, value in content.items():
+            if key == "file" and isinstance(value, str):
+                yield value
+            else:
+                yield from _file_names(value)
+    elif isinstance(content, (list, tuple)):
+        for value in content:
+            yield from _file_names(value)
+
+
+def _with_kept_inputs(folder: Path, inputs: dict[str, str]) -> StudyFile:
+    """Read the stored study with its file names turned to the copies."""
+
+    def turned(content: Any) -> Any:
+        if isinstance(content, dict):
+            return {k: inputs[v] if k == "file" and isinstance(v, str) else turned(v) for k, v in content.items()}
+        return [turned(v) for v in content] if isinstance(content, list) else content
+
+    path = folder / STUDY
+    return parse_study(turned(tomllib.loads(path.read_text(encoding="utf-8"))), str(path))

@@ -1,0 +1,1 @@
+"""Kinds of model that a study file can name."""

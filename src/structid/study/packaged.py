@@ -1,0 +1,28 @@
+"""Studies that ship with the package."""
+
+from __future__ import annotations
+
+from importlib import resources
+
+TEMPLATES = ("bouc_wen", "shear_frame", "external")
+"""Their names."""
+
+SOLVERS = {"external": "external_solver.py"}
+"""Files that a packaged study needs beside it."""
+
+
+def template(name: str) -> str:
+    """Text of a packaged study, or of the solver beside it.
+
+    Parameters
+    ----------
+    name : str
+        One of `TEMPLATES`, or of the files in `SOLVERS`.
+
+    Returns
+    -------
+    str
+        TOML, or Python.
+    """
+    file = f"{name}.toml" if name in TEMPLATES else name
+    return (resources.files("structid") / "study" / "templates" / file).read_text(encoding="utf-8")

@@ -1,0 +1,148 @@
+"""Tables of a study file whose keys depend on a kind: of model, of surrogate, of discrepancy, of sampler.
+
+The keys come from the registries, where each kind declares its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, Union
+
+from pydantic import Field, create_model, model_validator
+
+from structid.inference.likelihood.law_kind import LawKind
+from structid.inference.sampling.samplers import SamplerKind
+from structid.keys import Section
+from structid.models.kind import ModelKind
+from structid.study.schema.tables import ModelSection, PriorSection, VirtualSection
+from structid.surrogates.kind import SurrogateKind
+
+
+class SurrogateSection(Section):
+    """Keys of a surrogate of any kind."""
+
+    kind: str
+    validation: int = Field(default=500, ge=10)
+    limit: float | None = Field(default=None, gt=0)
+    outside: Literal["warn", "refuse", "allow"] | None = None
+    trust: bool = False
+    model_error: bool = False
+
+
+class DiscrepancySection(Section):
+    """The law of the difference between model and measurement."""
+
+    kind: str = "iid"
+
+
+class SamplerSection(Section):
+    """The sampler. What is left out converges on the benchmark study."""
+
+    kind: str = "aies"
+
+
+def model_section(kinds: Iterable[ModelKind]) -> Any:
+    """Type of a table that names one of several kinds of model.
+
+    Parameters
+    ----------
+    kinds : iterable of ModelKind
+        Those that may be named.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    sections = [_model_section(kind) for kind in kinds]
+    if len(sections) == 1:
+        return sections[0]
+    return Annotated[Union[tuple(sections)], Field(discriminator="type")]  # noqa: UP007
+
+
+def _model_section(kind: ModelKind) -> Any:
+    checks: dict[str, Any] = {}
+    if kind.check is not None:
+        checks["_check"] = model_validator(mode="before")(kind.check)
+    keys: dict[str, Any] = {
+        name: (annotation if default is ... else annotation | None if default is None else annotation, default)
+        for name, (annotation, default) in kind.keys.items()
+    }
+    tag: Any = Literal[kind.word]
+    return create_model(f"{kind.word}_section", __base__=ModelSection, __validators__=checks, type=(tag, ...), **keys)
+
+
+def virtual_section(kinds: Iterable[ModelKind]) -> Any:
+    """Type of the table of a virtual experiment.
+
+    Parameters
+    ----------
+    kinds : iterable of ModelKind
+        Models that may be the truth.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    model: Any = model_section(kinds)
+    return create_model("virtual_section", __base__=VirtualSection, model=(model, ...))
+
+
+def surrogate_section(kinds: Iterable[SurrogateKind]) -> Any:
+    """Type of the table of a surrogate: the keys of all kinds, of which each knows some.
+
+    Parameters
+    ----------
+    kinds : iterable of SurrogateKind
+        Those that may be named.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    named = [kind for kind in kinds if kind.word]
+    tag: Any = Literal[tuple(["none", *(kind.word for kind in named)])]
+    keys: dict[str, Any] = {key: (type_ | None, None) for kind in named for key, type_ in kind.keys.items()}
+    return create_model("surrogate_section", __base__=SurrogateSection, kind=(tag, ...), **keys)
+
+
+def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
+    """Type of the table of the discrepancy: the keys of all laws, of which each knows some.
+
+    Parameters
+    ----------
+    kinds : iterable of LawKind
+        Those that may be named.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    laws = list(kinds)
+    tag: Any = Literal[tuple(law.word for law in laws)]
+    number_or_prior: Any = float | str | PriorSection | None
+    keys: dict[str, Any] = {name: (number_or_prior, None) for law in laws for name in law.quantities}
+    keys |= {name: key for law in laws for name, key in law.switches.items()}
+    return create_model("discrepancy_section", __base__=DiscrepancySection, kind=(tag, "iid"), **keys)
+
+
+def sampler_section(kinds: Iterable[SamplerKind]) -> Any:
+    """Type of the table of the sampler: the keys of all samplers, of which each knows some.
+
+    Parameters
+    ----------
+    kinds : iterable of SamplerKind
+        Those that may be named.
+
+    Returns
+    -------
+    type
+        For a field's annotation.
+    """
+    samplers = list(kinds)
+    tag: Any = Literal[tuple(sampler.word for sampler in samplers)]
+    keys: dict[str, Any] = {key: (type_ | None, None) for each in samplers for key, type_ in each.keys.items()}
+    return create_model("sampler_section", __base__=SamplerSection, kind=(tag, "aies"), **keys)

@@ -1,0 +1,120 @@
+"""What is wrong with a study file, in words."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+
+from structid.errors import InputError, suggestion
+from structid.study.schema.tables import PriorSection
+
+
+class StudyErrors(InputError):
+    """Everything that is wrong with a study file.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    problems : list of str
+        One paragraph for each.
+    """
+
+    def __init__(self, path: str, problems: list[str]) -> None:
+        self.path, self.problems = path, problems
+        Exception.__init__(self, "\n".join(f"{path}: {p}" for p in problems))
+
+    def __reduce__(self) -> Any:
+        return (StudyErrors, (self.path, self.problems))
+
+
+_VARIANTS = {"float", "str", "PriorSection", "int"}
+"""Steps of pydantic's locations that name a variant of a type, not a key."""
+
+
+def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str:
+    """Say what is wrong in one paragraph: key, what came, what is allowed, what to do.
+
+    Parameters
+    ----------
+    error : dict
+        As pydantic gives it.
+    content : dict
+        The whole file, as TOML gives it.
+    schema : type
+        Of the whole file.
+
+    Returns
+    -------
+    str
+        The paragraph.
+    """
+    words = _words_of_models(schema)
+    steps = [
+        s
+        for s in error["loc"]
+        if not (isinstance(s, str) and (s in _VARIANTS or s in words or "[" in s or "tuple" in s))
+    ]
+    if steps[:1] == ["observation"] and isinstance(content.get("observation"), dict):
+        steps = [s for s in steps if s != 0]  # a single table stands for a list of one
+    key = ".".join(str(s) for s in steps) or "the file"
+    cause = error.get("ctx", {}).get("error")
+    if isinstance(cause, InputError):
+        what = f"{cause.where}: " if cause.where.startswith("unit ") else ""
+        return f"key '{key}': {what}{cause.came}. Allowed: {cause.allowed}.{' ' + cause.cure if cause.cure else ''}"
+    match error["type"]:
+        case "extra_forbidden":
+            known = _known_keys(steps[:-1], content, schema)
+            near = difflib.get_close_matches(str(steps[-1]), known, n=1, cutoff=0.4)
+            hint = f" Did you mean '{near[0]}'?" if near else ""
+            return f"key '{key}': an unknown key. Allowed here: {', '.join(known)}.{hint}"
+        case "missing":
+            return f"key '{key}': it is missing. Add it."
+        case "literal_error":
+            return f"key '{key}': {error['input']!r}. Allowed: {error['ctx']['expected']}."
+        case "union_tag_invalid":
+            tag, expected = error["ctx"]["tag"], error["ctx"]["expected_tags"]
+            cure = suggestion(tag, re.findall(r"'(\w+)'", expected))
+            return f"key '{key}.type': '{tag}'. Allowed: {expected}. {cure}".rstrip()
+        case "union_tag_not_found":
+            *most, last = (f"'{word}'" for word in words)
+            return f"key '{key}.type': it is missing. Allowed: {', '.join(most)} or {last}."
+        case _:
+            return f"key '{key}': {error['input']!r}. {error['msg']}."
+
+
+def _words_of_models(schema: type[BaseModel]) -> list[str]:
+    """Kinds of model that a file may name."""
+    tables = _tables(schema.model_fields["model"].annotation)
+    return [word for table in tables for word in get_args(table.model_fields["type"].annotation)]
+
+
+def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseModel]) -> list[str]:
+    """Keys that the table at a place of the file may have."""
+    tables: list[Any] = [schema]
+    here: Any = content
+    for step in steps:
+        here = here[step] if isinstance(here, (dict, list)) and (isinstance(step, int) or step in here) else {}
+        if isinstance(step, int):
+            continue
+        found: list[Any] = []
+        for table in tables:
+            field = table.model_fields.get(step) if isinstance(table, type) and issubclass(table, BaseModel) else None
+            found += _tables(field.annotation) if field else [table] if table is PriorSection else []
+        tables = found
+    kind = here.get("type") if isinstance(here, dict) else None
+    if kind is not None:
+        typed = [t for t in tables if "type" in t.model_fields]
+        tables = [t for t in typed if kind in get_args(t.model_fields["type"].annotation)] or tables
+    return sorted({name for table in tables for name in table.model_fields})
+
+
+def _tables(annotation: Any) -> list[Any]:
+    """All sections a field's annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    arguments = get_args(annotation) if get_origin(annotation) is not None else ()
+    return [table for argument in arguments for table in _tables(argument)]

@@ -1,0 +1,161 @@
+"""A whole study file: its tables, and how it is read and checked."""
+
+from __future__ import annotations
+
+import functools
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import pydantic
+from pydantic import BeforeValidator, Field, create_model
+
+from structid.errors import InputError
+from structid.inference.likelihood import laws
+from structid.inference.likelihood.law_kind import LawKind
+from structid.inference.sampling import samplers
+from structid.inference.sampling.samplers import SamplerKind
+from structid.keys import Section
+from structid.models.kind import ModelKind
+from structid.study.kinds import model_list
+from structid.study.schema.kinds import (
+    DiscrepancySection,
+    SamplerSection,
+    SurrogateSection,
+    discrepancy_section,
+    model_section,
+    sampler_section,
+    surrogate_section,
+    virtual_section,
+)
+from structid.study.schema.problems import StudyErrors, problem
+from structid.study.schema.tables import (
+    CalibrationSection,
+    CampaignSection,
+    DeterministicSection,
+    ModelSection,
+    ObservationSection,
+    PredictionSection,
+    PriorSection,
+    RecordSection,
+)
+from structid.surrogates import registry as surrogates
+from structid.surrogates.kind import SurrogateKind
+
+
+class StudyFile(Section):
+    """A whole study."""
+
+    name: str
+    title: str = ""
+    seed: int = Field(default=1, ge=0)
+    record: RecordSection
+    model: ModelSection
+    parameters: dict[str, PriorSection] = Field(min_length=1)
+    derived: dict[str, str] = Field(default_factory=dict)
+    correlation: dict[str, float] = Field(default_factory=dict)
+    observation: Annotated[
+        tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
+    ] = ()
+    campaign: CampaignSection | None = None
+    surrogate: SurrogateSection
+    calibration: CalibrationSection | None = None
+    discrepancy: DiscrepancySection
+    sampler: SamplerSection
+    deterministic: DeterministicSection = DeterministicSection()
+    prediction: PredictionSection = PredictionSection()
+
+
+def study_file() -> type[StudyFile]:
+    """Type of a study file, with the kinds that are registered now.
+
+    Returns
+    -------
+    type
+        A `StudyFile`.
+    """
+    return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(laws.LAWS), tuple(samplers.SAMPLERS))
+
+
+@functools.cache
+def _study_file(
+    model_kinds: tuple[ModelKind, ...],
+    surrogate_kinds: tuple[SurrogateKind, ...],
+    law_kinds: tuple[LawKind, ...],
+    sampler_kinds: tuple[SamplerKind, ...],
+) -> type[StudyFile]:
+    virtual: Any = virtual_section(kind for kind in model_kinds if not kind.is_a_solver)
+    observation: Any = create_model("observation_section", __base__=ObservationSection, virtual=(virtual | None, None))
+    surrogate: Any = surrogate_section(surrogate_kinds)
+    discrepancy: Any = discrepancy_section(law_kinds)
+    sampler: Any = sampler_section(sampler_kinds)
+    one_or_several: Any = Annotated[
+        tuple[observation, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
+    ]
+    found: type[StudyFile] = create_model(
+        "StudyFile",
+        __base__=StudyFile,
+        model=(model_section(model_kinds), ...),
+        observation=(one_or_several, ()),
+        surrogate=(surrogate, surrogate(kind="none")),
+        discrepancy=(discrepancy, discrepancy()),
+        sampler=(sampler, sampler()),
+    )
+    return found
+
+
+def read_study(path: str | Path) -> StudyFile:
+    """Read a study file and check every key.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file.
+
+    Returns
+    -------
+    StudyFile
+        Its content, quantities in SI.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
+    try:
+        content = tomllib.loads(file.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise InputError(
+            f"{path}", f"it is no TOML: {cause}", "a TOML file", 'A text value needs quotes: mass = "12 t".'
+        ) from None
+    return parse_study(content, str(path))
+
+
+def parse_study(content: dict[str, Any], path: str = "study") -> StudyFile:
+    """Check the content of a study file.
+
+    Parameters
+    ----------
+    content : dict
+        As TOML gives it.
+    path : str
+        Its name, for messages.
+
+    Returns
+    -------
+    StudyFile
+        The study.
+
+    Raises
+    ------
+    StudyErrors
+        With everything that is wrong.
+    """
+    try:
+        return study_file().model_validate(content)
+    except pydantic.ValidationError as errors:
+        problems = dict.fromkeys(problem(error, content, study_file()) for error in errors.errors())
+        raise StudyErrors(path, list(problems)) from None

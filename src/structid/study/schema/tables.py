@@ -1,0 +1,127 @@
+"""Tables of a study file whose keys are always the same."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
+
+
+class SyntheticSection(Section):
+    """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
+
+    seed: int = Field(ge=0)
+    duration: Seconds = 40.0
+    dt: Seconds = 0.01
+    arias: MetresPerSecond = 1.0
+    significant_duration: Seconds = 10.0
+    middle: Seconds = 8.0
+    frequency: Hertz = 2.0
+    frequency_slope: float = -0.02
+    bandwidth: float = 0.4
+
+
+class RecordSection(Section):
+    """Where the ground motion comes from, and what is done to it, in this order: baseline, filters, resample, trim, scale."""
+
+    file: str | None = None
+    synthetic: SyntheticSection | None = None
+    name: str | None = None
+    unit: str | None = None
+    dt: Seconds | None = None
+    column: int | None = None
+    baseline: Literal["constant", "linear"] | None = None
+    highpass: Hertz | None = None
+    lowpass: Hertz | None = None
+    filter_order: int | None = Field(default=None, ge=1)
+    resample: Seconds | None = None
+    trim: tuple[Seconds, Seconds] | None = None
+    pga: MetresPerSecondSquared | None = None
+    scale: float | None = None
+
+
+class PriorSection(Section):
+    """A prior distribution; numbers are in `unit`, or texts with their own unit."""
+
+    distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel"]
+    unit: str | None = None
+    mean: float | str | None = None
+    sd: float | str | None = None
+    low: float | str | None = None
+    high: float | str | None = None
+    shape: float | None = None
+    rate: float | None = None
+    scale: float | str | None = None
+    location: float | str | None = None
+    log_mean: float | None = None
+    log_sd: float | None = None
+    a: float | None = None
+    b: float | None = None
+
+
+class ModelSection(Section):
+    """The model: parameters that are known, by their names; the rest have priors."""
+
+    type: str
+
+
+class VirtualSection(Section):
+    """A virtual experiment: the true model's parameters, and the noise as a fraction of each channel's RMS."""
+
+    noise: Annotated[Fraction, Field(ge=0)] = 0.0
+    seed: int | None = Field(default=None, ge=0)
+    model: ModelSection
+
+
+class ObservationSection(Section):
+    """A measured history, or a virtual one; with its own record if it is not the study's."""
+
+    channels: tuple[str, ...] = ("velocity",)
+    file: str | None = None
+    unit: str | None = None
+    column: int | None = None
+    dt: Seconds | None = None
+    virtual: VirtualSection | None = None
+    record: RecordSection | None = None
+    gain: PriorSection | None = None
+    offset: PriorSection | None = None
+    time_shift: PriorSection | None = None
+
+
+class DeterministicSection(Section):
+    """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
+
+    methods: tuple[Literal["pattern_search", "interior_point"], ...] | None = None
+    starts: int = Field(default=10, ge=1)
+    constraints: tuple[str, ...] = ()
+    bounds: dict[str, tuple[float | str, float | str]] = Field(default_factory=dict)
+
+
+class CampaignSection(Section):
+    """A design of true runs, stored; see `Campaign`."""
+
+    runs: int = Field(ge=1)
+    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
+    widen: float | None = Field(default=None, gt=0)
+    seed: int | None = Field(default=None, ge=0)
+    channels: tuple[str, ...] = ()
+    attempts: int = Field(default=1, ge=1)
+    records: tuple[RecordSection, ...] = ()
+
+
+class CalibrationSection(Section):
+    """True runs where the posterior is, until a certificate holds; see `calibrate`."""
+
+    true_runs: int = 500
+    start: int = Field(default=60, ge=10)
+    batch: int = Field(default=40, ge=5)
+    certificate: int = Field(default=200, ge=50)
+
+
+class PredictionSection(Section):
+    """Prediction for other records."""
+
+    records: tuple[RecordSection, ...] = ()
+    draws: int = Field(default=400, ge=2)

@@ -1,0 +1,25 @@
+"""The stages of a study in their order. A new one is a file with its `StudyStage` and a line here."""
+
+from __future__ import annotations
+
+from structid.study.stages import (
+    campaign_runs,
+    certified_calibration,
+    deterministic_searches,
+    posterior_draws,
+    report_page,
+    surrogate_fit,
+)
+from structid.study.stages.stage import StudyStage
+
+STAGES: tuple[StudyStage, ...] = (
+    campaign_runs.STAGE,
+    surrogate_fit.STAGE,
+    certified_calibration.STAGE,
+    deterministic_searches.STAGE,
+    posterior_draws.STAGE,
+)
+"""What finds something."""
+
+PAGE_STAGE = report_page.STAGE
+"""What shows it."""

@@ -1,0 +1,42 @@
+"""A calibration by a surrogate that true runs certify."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from structid.calibration.sequential import calibrate
+from structid.campaign.store import CALIBRATION_FOLDER
+from structid.study.building.surrogates import surrogate_settings
+from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.study.timings import StagesAsTold
+
+
+def _run(found: Findings, place: Workplace) -> Findings:
+    study, posterior = found.study, found.study.sampled
+    with StagesAsTold(place.stage, place.timings) as told:
+        calibration = calibrate(
+            study.model,
+            posterior.model_space,
+            posterior.observations,
+            surrogate_settings(study.file.surrogate),
+            posterior.discrepancy,
+            plan=study.plan,
+            sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
+            seed=study.file.seed,
+            store=place.folder / CALIBRATION_FOLDER,
+            executor=place.executor,
+            progress=told,
+        )
+    if not calibration.exact:
+        study = replace(study, posterior=posterior.on(calibration.surrogate))
+    return replace(
+        found,
+        study=study,
+        runs=calibration.runs,
+        surrogate=calibration.surrogate,
+        calibration=calibration,
+        result=calibration.sampling,
+    )
+
+
+STAGE = StudyStage(lambda found: found.study.plan is not None, _run)

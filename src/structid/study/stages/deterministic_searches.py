@@ -1,0 +1,102 @@
+"""Deterministic calibrations beside the Bayesian one, run or read back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.inference.likelihood.posterior import Posterior
+from structid.journal import write_then_rename
+from structid.optimize.interior_point import interior_point
+from structid.optimize.minima import Minimum, OptimizeResult
+from structid.optimize.pattern_search import pattern_search
+from structid.study.building.built_study import BuiltStudy
+from structid.study.stages.stage import Findings, StudyStage, Workplace
+
+SEARCHES: dict[str, Callable[..., OptimizeResult]] = {
+    "pattern_search": pattern_search,
+    "interior_point": interior_point,
+}
+"""Methods by the word for them."""
+
+
+def _run(found: Findings, place: Workplace) -> Findings:
+    return replace(
+        found,
+        searches={name.replace("_", " "): _search(name, found.study, place) for name in found.study.search_methods},
+    )
+
+
+def _search(method: str, study: BuiltStudy, place: Workplace) -> OptimizeResult:
+    section, stored, name = study.file.deterministic, place.folder / f"{method}.json", method.replace("_", " ")
+    # A calibration that went on has another surrogate, whose minima are others.
+    settings = {**section.model_dump(mode="json"), "posterior": study.sampled.content_hash}
+    if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
+        return _read_search(stored, study.sampled)
+    with place.stage(name) as progress, place.timings.measured(name):
+        found = SEARCHES[method](
+            study.sampled.misfit,
+            bounds=_searched_range(study),
+            constraints=section.constraints,
+            starts=section.starts,
+            seed=study.file.seed,
+            progress=progress,
+        )
+    found.to_text(place.folder / f"{method}.txt")
+    _write_search(stored, found, settings)
+    return found
+
+
+def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
+    """Bounds of the searches in SI: the study's, within the range of a surrogate, which beyond it responds as at the edge."""
+    stand_in, given = study.sampled.model.stand_in, study.search_bounds
+    if stand_in is None:
+        return given
+    bounds = dict(given or {})
+    for name, (low, high) in stand_in.search_range().items():
+        least, most = bounds.get(name, (low, high))
+        bounds[name] = (max(least, low), min(most, high))
+    return bounds
+
+
+def _write_search(path: Path, result: OptimizeResult, settings: dict[str, Any]) -> None:
+    content = {
+        "settings": settings,
+        "method": result.method,
+        "evaluations": result.evaluations,
+        "scale": result.scale,
+        "ends": result.ends.tolist(),
+        "values": result.values.tolist(),
+        "minima": [
+            {"theta": m.theta.tolist(), "value": m.value, "starts": m.starts, "on_boundary": m.on_boundary}
+            for m in result.minima
+        ],
+    }
+    write_then_rename(path, json.dumps(content, indent=2).encode())
+
+
+def _read_search(path: Path, posterior: Posterior) -> OptimizeResult:
+    content = json.loads(path.read_text())
+    space = posterior.model_space
+    minima = tuple(
+        Minimum(np.array(m["theta"]), m["value"], m["starts"], tuple(m["on_boundary"])) for m in content["minima"]
+    )
+    return OptimizeResult(
+        content["method"],
+        space.names,
+        minima,
+        content["evaluations"],
+        content["scale"],
+        np.array(content["ends"]),
+        np.array(content["values"]),
+        space.units,
+        space.factors,
+    )
+
+
+STAGE = StudyStage(lambda found: found.study.posterior is not None, _run)

@@ -1,0 +1,61 @@
+"""The page of a study, its figures, and the netCDF file."""
+
+from __future__ import annotations
+
+from structid.inference.sampling_result import SamplingResult
+from structid.report.material import PosteriorMaterial, RunsMaterial
+from structid.report.page import draw, write_report, write_runs_report
+from structid.report.section_list import OF_A_CALIBRATION
+from structid.study.folder import FIGURES, POSTERIOR
+from structid.study.stages.stage import Findings, StudyStage, Workplace
+
+
+def _run(found: Findings, place: Workplace) -> Findings:
+    if found.result is None:
+        write_runs_page(found, place)
+    else:
+        _write_page(found, found.result, place)
+    return found
+
+
+def write_runs_page(found: Findings, place: Workplace) -> None:
+    """Write the page of true runs, and of what was fitted to them.
+
+    Parameters
+    ----------
+    found : Findings
+        With runs.
+    place : Workplace
+        Where it goes.
+    """
+    file = found.study.file
+    material = RunsMaterial(file.title or file.name, place.settings, found.runs, found.surrogate)
+    write_runs_report(material, place.folder, place.timings.seconds)
+
+
+def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> None:
+    study = found.study
+    assert found.true_posterior is not None
+    material = PosteriorMaterial(
+        title=study.file.title or study.file.name,
+        settings=place.settings,
+        runs=found.runs,
+        surrogate=found.surrogate,
+        result=result,
+        true_posterior=found.true_posterior,
+        searches=found.searches,
+        raw_record=study.raw_record,
+        record=study.record,
+        truths=study.truths,
+        true_values=study.true_values,
+        other_records=study.other_records,
+        prediction_draws=study.file.prediction.draws,
+        calibration=found.calibration,
+    )
+    with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
+        drawn = draw(OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
+        result.to_netcdf(place.folder / POSTERIOR)
+    write_report(material, drawn, place.folder, place.timings.seconds)
+
+
+STAGE = StudyStage(lambda found: found.result is not None or found.runs is not None, _run)

@@ -1,0 +1,101 @@
+"""What a stage of a study is: it takes what stages before it have found, and adds its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from structid.calibration.calibration_result import CalibrationResult
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult
+from structid.optimize.minima import OptimizeResult
+from structid.runs import Runs
+from structid.study.building.built_study import BuiltStudy
+from structid.study.folder import STUDY
+from structid.study.timings import Stage, Timings
+from structid.surrogates.face import Surrogate
+
+
+@dataclass(frozen=True, eq=False)
+class Workplace:
+    """Where and how a study is run.
+
+    Parameters
+    ----------
+    folder : Path
+        For everything that it makes.
+    stage : callable
+        Opens a progress bar for a named stage.
+    timings : Timings
+        Seconds of every stage.
+    executor : object
+        Where an external model's runs are done.
+    retry : bool
+        Do runs of the campaign again that failed before.
+    adopt : bool
+        Keep the campaign's runs of another version of the model.
+    page : bool
+        Write the page.
+    """
+
+    folder: Path
+    stage: Stage
+    timings: Timings
+    executor: Any = None
+    retry: bool = False
+    adopt: bool = False
+    page: bool = True
+
+    @property
+    def settings(self) -> str:
+        """Text of the study file."""
+        return (self.folder / STUDY).read_text(encoding="utf-8")
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """What the stages of a study have found so far.
+
+    Parameters
+    ----------
+    study : BuiltStudy
+        The study; with the posterior and the sampler that are to be sampled.
+    true_posterior : Posterior or None
+        That of the model itself.
+    runs : Runs or None
+        The true runs.
+    surrogate : Surrogate or None
+        What stands in for the model, validated or certified.
+    calibration : CalibrationResult or None
+        Certificate and rounds.
+    searches : dict of str to OptimizeResult
+        Deterministic calibrations by method.
+    result : SamplingResult or None
+        Draws and verdict.
+    """
+
+    study: BuiltStudy
+    true_posterior: Posterior | None = None
+    runs: Runs | None = None
+    surrogate: Surrogate | None = None
+    calibration: CalibrationResult | None = None
+    searches: dict[str, OptimizeResult] = field(default_factory=dict)
+    result: SamplingResult | None = None
+
+
+@dataclass(frozen=True)
+class StudyStage:
+    """One stage.
+
+    Parameters
+    ----------
+    wanted : callable
+        Whether the study asks for it, by what has been found.
+    run : callable
+        Does it, or reads back what was done, and gives the findings with its own.
+    """
+
+    wanted: Callable[[Findings], bool]
+    run: Callable[[Findings, Workplace], Findings]

@@ -1,0 +1,111 @@
+"""Times of a study's stages, and their progress bars."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from structid.journal import write_then_rename
+from structid.models.face import Progress
+
+Stage = Callable[[str], Any]
+"""Opens a progress bar for a stage: a context manager that gives a `Progress`."""
+
+
+@contextmanager
+def silent(_: str) -> Iterator[Progress | None]:
+    """Stage without a progress bar.
+
+    Yields
+    ------
+    None
+        No progress wanted.
+    """
+    yield None
+
+
+class Timings:
+    """Seconds of every stage, kept on disk: a stage that was read back from disk keeps the time it once took.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.seconds: dict[str, float] = json.loads(path.read_text()) if path.is_file() else {}
+
+    def put(self, name: str, seconds: float) -> None:
+        """Keep the seconds of a stage.
+
+        Parameters
+        ----------
+        name : str
+            The stage.
+        seconds : float
+            What it took.
+        """
+        self.seconds[name] = seconds
+        write_then_rename(self.path, json.dumps(self.seconds, indent=2).encode())
+
+    @contextmanager
+    def measured(self, name: str, goes_on: bool = False, once: bool = False) -> Iterator[None]:
+        """Measure a stage.
+
+        Parameters
+        ----------
+        name : str
+            The stage.
+        goes_on : bool
+            Whether it goes on where it was stopped, and adds to what it took before.
+        once : bool
+            Whether it is done once, and keeps what it took then.
+
+        Yields
+        ------
+        None
+            While it runs.
+        """
+        before = self.seconds.get(name, 0.0)
+        began = time.perf_counter()
+        yield
+        if not (once and before):
+            self.put(name, (before if goes_on else 0.0) + time.perf_counter() - began)
+
+
+class StagesAsTold:
+    """Opens a bar for each thing that a calibration says it is doing, and adds up its time.
+
+    Parameters
+    ----------
+    stage : callable
+        Opens a progress bar for a named stage.
+    timings : Timings
+        Keeps the times.
+    """
+
+    def __init__(self, stage: Stage, timings: Timings) -> None:
+        self._stage, self._timings, self._doing = stage, timings, ""
+        self._open, self._bar = ExitStack(), None
+
+    def __enter__(self) -> StagesAsTold:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._open.close()
+
+    def __call__(self, what: str, done: int, total: int) -> None:
+        """Show how much of what is done."""
+        if what != self._doing:
+            self._open.close()
+            self._doing = what
+            self._bar = self._open.enter_context(self._stage(what))
+            self._open.enter_context(self._timings.measured(what, goes_on=True))
+        if self._bar is not None:
+            self._bar(done, total)
