@@ -1,6 +1,7 @@
 """The sequential loop: certified where the surrogate can be, refused where it cannot, the same after a kill."""
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -142,6 +143,9 @@ class Bad:
     """Settings of a surrogate that is wrong on purpose."""
 
     how: str
+
+    warm_start: ClassVar[bool] = False
+    weighted: ClassVar[bool] = False
 
     def check(self, design, records, channels):
         """Take anything."""

@@ -12,7 +12,7 @@ from package import concrete_subclasses
 from structid.inference.likelihood.discrepancy import Discrepancy
 
 DT, SAMPLES, RUNS = 0.05, 120, 3
-CHANNELS = ("velocity",)
+CHANNELS, UNITS = ("velocity",), ("m/s",)
 VARIANCE = 2.0
 
 
@@ -124,21 +124,24 @@ class TestEveryDiscrepancy:
         if law.independent:
             found = law.log_likelihood_of_squares(squares, SAMPLES, {}, CHANNELS)
             np.testing.assert_allclose(found, law.log_likelihood(residual, {}, CHANNELS, DT), rtol=1e-12)
+            np.testing.assert_array_equal(law.variances({}, CHANNELS, RUNS, np), np.full((1, RUNS), VARIANCE))
         else:
             with pytest.raises(NotImplementedError, match=name):
                 law.log_likelihood_of_squares(squares, SAMPLES, {}, CHANNELS)
+            with pytest.raises(NotImplementedError, match=name):
+                law.variances({}, CHANNELS, RUNS, np)
 
     def test_what_is_unknown_has_a_prior_and_is_used(self, name, residual):
         """Everything left open, its values given: the law with these values fixed."""
         law = LAWS[name][0]
         open_law, measured = type(law)(), residual[:, :, 0]
-        priors = open_law.parameters(measured, CHANNELS, DT, ("m/s",))
+        priors = open_law.parameters(measured, CHANNELS, DT, UNITS)
         values = {n: np.full(RUNS, float(prior.quantile(np.array(0.3)))) for n, prior in priors.items()}
         fields = {"sigma2": "variance", "sigma2_white": "white"}
         given = {fields.get(n, n): float(v[0]) for n, v in values.items()}
         assert "variance" in given and all(np.isfinite(v) for v in given.values())
         fixed = type(law)(**given)
-        assert fixed.parameters(measured, CHANNELS, DT, ("m/s",)) == {} and fixed.describe() != open_law.describe()
+        assert fixed.parameters(measured, CHANNELS, DT, UNITS) == {} and fixed.describe() != open_law.describe()
         np.testing.assert_allclose(
             open_law.log_likelihood(residual, values, CHANNELS, DT),
             fixed.log_likelihood(residual, {}, CHANNELS, DT),
