@@ -1,4 +1,8 @@
-"""Bayesian structural identification: from a measured response history to a posterior one can trust."""
+"""Bayesian structural identification: from a measured response history to a posterior one can trust.
+
+The names below are the public ones. They are loaded when they are first used, so that the command line answers at once. Editors and
+type checkers read them from ``__init__.pyi``.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +13,14 @@ __version__ = "0.2.0"
 
 _PUBLIC = {
     "AIES": "inference.sampling.ensemble",
-    "AR1": "inference.likelihood.correlated",
+    "AR1": "inference.likelihood.kernels",
     "Beta": "probability.marginals",
     "BoucWen": "models.bouc_wen",
     "CallableModel": "solvers.callable",
     "Campaign": "campaign.runner",
     "Certificate": "inference.assessment.certificate",
     "CombinedExcitation": "ground_motion.excitation",
-    "DampedCosine": "inference.likelihood.correlated",
+    "DampedCosine": "inference.likelihood.kernels",
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",
     "Design": "probability.space",
     "DisplacementHistory": "ground_motion.excitation",
@@ -28,43 +32,50 @@ _PUBLIC = {
     "Histories": "histories",
     "IID": "inference.likelihood.independent",
     "InputError": "errors",
+    "Kriging": "surrogates.kriging.universal_kriging",
+    "KrigingNARX": "surrogates.narx.kriging_narx",
     "LogDensity": "inference.target",
     "LogNormal": "probability.marginals",
+    "Matern32": "inference.likelihood.kernels",
+    "Memory": "surrogates.narx.terms",
+    "NARX": "surrogates.narx.narx",
+    "NUTS": "inference.sampling.gradient",
     "Normal": "probability.marginals",
     "Observation": "inference.likelihood.observation",
     "OutputFile": "solvers.program",
+    "PCE": "surrogates.chaos.pce",
+    "PCNARX": "surrogates.narx.pc_narx",
+    "PODKriging": "surrogates.pod.pod_kriging",
+    "PODPCE": "surrogates.pod.pod_pce",
     "ParameterSpace": "probability.space",
+    "Plan": "calibration.sequential",
     "Posterior": "inference.likelihood.posterior",
     "ProgramModel": "solvers.program",
     "Runs": "runs",
-    "Plan": "calibration.sequential",
     "SMC": "inference.sampling.tempered",
     "SamplingResult": "inference.sampling_result",
     "ShearFrame": "models.shear_frame",
     "SolverError": "solvers.protocol",
     "Status": "errors",
     "StructidError": "errors",
+    "StructidWarning": "errors",
+    "StructureFailedError": "solvers.protocol",
+    "Term": "surrogates.narx.terms",
     "UMBridgeModel": "solvers.um_bridge",
     "Uniform": "probability.marginals",
     "Weibull": "probability.marginals",
-    "KrigingNARX": "surrogates.narx.kriging_narx",
-    "Kriging": "surrogates.kriging.universal_kriging",
-    "Matern32": "inference.likelihood.correlated",
-    "NARX": "surrogates.narx.narx",
-    "NUTS": "inference.sampling.gradient",
-    "PCE": "surrogates.chaos.pce",
-    "PCNARX": "surrogates.narx.pc_narx",
-    "PODKriging": "surrogates.pod.pod_kriging",
-    "PODPCE": "surrogates.pod.pod_pce",
-    "StructidWarning": "errors",
-    "Term": "surrogates.narx.terms",
-    "Memory": "surrogates.narx.terms",
+    "calibrate": "calibration.sequential",
     "load_surrogate": "surrogates.registry",
     "open_runs": "campaign.store",
-    "calibrate": "calibration.sequential",
     "sample": "inference.sample",
     "sbc": "inference.assessment.simulation_based_calibration",
 }
+"""Public names, and the modules they live in."""
+
+_MODULES = ("optimize",)
+"""Public modules."""
+
+__all__ = [*_PUBLIC, *_MODULES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:
@@ -75,8 +86,5 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'structid' has no attribute '{name}'")
 
 
-_MODULES = ("optimize",)
-
-
 def __dir__() -> list[str]:
-    return sorted([*_PUBLIC, *_MODULES, "__version__"])
+    return sorted(__all__)

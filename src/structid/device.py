@@ -90,8 +90,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
         The same function to NumPy arrays, for any number of runs: it pads by repeating the last run.
     """
 
-    @jax.jit
-    def compiled(theta: Any, constants: tuple[Any, ...]) -> Any:
+    def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
         if not shard:
             return function(theta, *constants)
         specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
@@ -102,6 +101,8 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
             out_specs=specs,
             check_vma=False,  # the loops of other libraries begin from constants, which it would refuse
         )(theta, constants)
+
+    compiled = jax.jit(sharded)
 
     def call(theta: Any, *constants: Any) -> Any:
         theta = np.asarray(theta, dtype=np.float64)

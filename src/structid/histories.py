@@ -74,7 +74,7 @@ class Histories:
         return f"Histories of {runs} runs, {int(self.done.sum())} done, {samples} samples of {', '.join(self.channels)}{on}"
 
     def __len__(self) -> int:
-        return self.values.shape[0]
+        return int(self.values.shape[0])
 
     @property
     def time(self) -> np.ndarray:
@@ -84,7 +84,7 @@ class Histories:
     @property
     def done(self) -> np.ndarray:
         """Which runs reached the end, shape (run,)."""
-        return self.status == Status.DONE
+        return np.asarray(self.status == Status.DONE)
 
     def channel(self, name: str) -> np.ndarray:
         """Return one channel of every run.

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structid.inference.assessment.certificate import Certificate, Limits
+from structid.inference.assessment.summary import Summary
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
-from structid.inference.sampling_result import SamplingResult, Summary
+from structid.inference.sampling_result import SamplingResult
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
@@ -149,7 +150,7 @@ class CalibrationResult:
     def sd(self) -> np.ndarray:
         """Posterior standard deviations in SI, shape (parameter,)."""
         if self.reweighted:
-            return np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2)
+            return np.asarray(np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2))
         return self.sampling.sd
 
     def quantile(self, p: float | np.ndarray) -> np.ndarray:
@@ -167,7 +168,7 @@ class CalibrationResult:
         """
         if self.reweighted:
             c = self.certificate
-            return np.quantile(c.draws, p, axis=0, weights=c.weights, method="inverted_cdf")
+            return np.asarray(np.quantile(c.draws, p, axis=0, weights=c.weights, method="inverted_cdf"))
         return self.sampling.quantile(p)
 
     def corrected(self, evidence: Evidence) -> Evidence:

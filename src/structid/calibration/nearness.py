@@ -36,7 +36,7 @@ def nearness(log_density: np.ndarray) -> np.ndarray:
     below = np.where(finite, log_density - log_density[finite].max(), -np.inf)
 
     def weights(log_exponent: float) -> np.ndarray:
-        return np.maximum(np.exp(np.exp(log_exponent) * below), LEAST)
+        return np.asarray(np.maximum(np.exp(np.exp(log_exponent) * below), LEAST))
 
     def excess(log_exponent: float) -> float:
         return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)

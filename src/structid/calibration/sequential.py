@@ -31,8 +31,7 @@ from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
-from structid.surrogates.pod.pod_kriging import PODKriging
-from structid.surrogates.registry import load_surrogate
+from structid.surrogates.registry import DEFAULT, load_surrogate
 
 SCHEMA = 4
 """Version of the rounds on disk, and of the random streams that lead on from them."""
@@ -181,7 +180,7 @@ def calibrate(
     StoreMismatchError
         If `store` belongs to another calibration.
     """
-    settings: SurrogateSettings = PODKriging() if surrogate is None else surrogate
+    settings = DEFAULT.made({}) if surrogate is None else surrogate
     with kept_open(model, executor) as workers:
         loop = _Loop(
             Posterior(space, model, observations, discrepancy),

@@ -15,23 +15,24 @@ import numpy as np
 from structid.errors import InputError, StructidWarning
 from structid.inference.assessment import prediction as predictive
 from structid.inference.assessment.diagnostics import (
-    BOUND_MASS,
-    BOUND_WIDTH,
-    TAIL_PROBABILITY,
     Verdict,
     convergence_failures,
     parameter_diagnostics,
     stuck_walkers,
 )
-from structid.inference.assessment.residuals import MUCH_WIDER, WhitenedResidual, robust_covariance, whitened_residuals
+from structid.inference.assessment.maximum import maximum
+from structid.inference.assessment.prior_warnings import prior_warnings
+from structid.inference.assessment.residuals import (
+    WhitenedResidual,
+    residual_warnings,
+    robust_covariance,
+    whitened_residuals,
+)
+from structid.inference.assessment.summary import Summary
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
 from structid.models.face import StandIn
-from structid.optimize import pattern_search
-from structid.probability.marginals import Uniform
-from structid.probability.space import ParameterSpace
-from structid.units import label
 
 if TYPE_CHECKING:
     import xarray
@@ -44,48 +45,6 @@ SURROGATE_NATS = 2.0
 """Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
 UNEXPLAINED_LIMIT = 0.25
 """Fraction of the measurement's variance left unexplained from which the reader is warned."""
-
-
-@dataclass(frozen=True)
-class Summary:
-    """Posterior moments, quantiles, best point and diagnostics, a row a parameter, in display units.
-
-    Parameters
-    ----------
-    names, units : tuple of str
-        Parameters and their display units.
-    columns : dict of str to ndarray, shape (parameter,)
-        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
-        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
-    """
-
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-    columns: dict[str, np.ndarray]
-
-    def row(self, name: str) -> dict[str, float]:
-        """One parameter's figures.
-
-        Parameters
-        ----------
-        name : str
-            The parameter.
-
-        Returns
-        -------
-        dict of str to float
-            By column.
-        """
-        index = self.names.index(name)
-        return {column: float(values[index]) for column, values in self.columns.items()}
-
-    def __str__(self) -> str:
-        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
-        width = max(len(h) for h in heads)
-        lines = ["".ljust(width) + "".join(c.rjust(12) for c in self.columns)]
-        for i, head in enumerate(heads):
-            lines.append(head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values()))
-        return "\n".join(lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +126,12 @@ class SamplingResult:
     @property
     def mean(self) -> np.ndarray:
         """Posterior means in SI, shape (parameter,)."""
-        return self.flat.mean(axis=0)
+        return np.asarray(self.flat.mean(axis=0))
 
     @property
     def sd(self) -> np.ndarray:
         """Posterior standard deviations in SI, shape (parameter,)."""
-        return self.flat.std(axis=0)
+        return np.asarray(self.flat.std(axis=0))
 
     @property
     def covariance(self) -> np.ndarray:
@@ -192,7 +151,7 @@ class SamplingResult:
         ndarray, shape (..., parameter)
             In SI.
         """
-        return np.quantile(self.flat, p, axis=0)
+        return np.asarray(np.quantile(self.flat, p, axis=0))
 
     def thinned(self, count: int = THINNED_DRAWS) -> np.ndarray:
         """Draws spread evenly over all kept steps and walkers.
@@ -210,22 +169,12 @@ class SamplingResult:
         total = len(self.flat)
         # A golden-ratio stride visits steps and walkers alike, where a plain one would pick the same walkers.
         index = np.floor(((np.arange(min(count, total)) * 0.6180339887498949) % 1.0) * total).astype(int)
-        return self.flat[np.unique(index)]
-
-    # --- best point ---------------------------------------------------------------------------------------------
+        return np.asarray(self.flat[np.unique(index)])
 
     @cached_property
     def map_estimate(self) -> np.ndarray:
         """Maximum of the posterior density, optimised from the best draw, in SI, shape (parameter,)."""
-        kept_density = self.log_density[self.discarded :].ravel()
-        best = self.flat[int(np.argmax(kept_density))]
-        spread = np.maximum(self.sd, 1e-12 * np.maximum(np.abs(self.mean), 1e-300))
-        bounds = self.target.bijection.bounds
-        low = np.maximum(best - 5.0 * spread, bounds[:, 0])
-        high = np.minimum(best + 5.0 * spread, bounds[:, 1])
-        objective = _NegativeLogDensity(self.target, low, high, self.covariance)
-        found = pattern_search(objective, starts=best[None, :], tolerance=1e-5, iterations=400).best
-        return found.theta if -found.value >= kept_density.max() else best
+        return maximum(self.target, self.flat, self.log_density[self.discarded :].ravel())
 
     # --- tables and verdict -------------------------------------------------------------------------------------
 
@@ -319,7 +268,8 @@ class SamplingResult:
         return predictive.unexplained_fraction(self.target, self.map_estimate)
 
     def _warnings(self, unexplained: float) -> list[str]:
-        found = self._prior_warnings()
+        space = getattr(self.target, "space", None)
+        found = [] if space is None else prior_warnings(space, self.flat)
         if unexplained > UNEXPLAINED_LIMIT:
             found.append(
                 f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
@@ -355,25 +305,13 @@ class SamplingResult:
 
     def _residual_warnings(self) -> list[str]:
         """Residuals that the law of the discrepancy does not describe."""
-        found = []
-        for residual in self.residuals:
-            if not residual.correlated:
-                continue
-            value, lag = residual.largest
-            law = self.target.discrepancy.describe()["kind"]  # type: ignore[attr-defined]
-            independent = law == "iid"
-            assumed = "independent errors" if independent else f"the discrepancy {law}"
-            told = (
-                f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
-                f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
-            )
-            if self.robust_sd is not None:
-                ratio = np.where(np.isin(self.names, self.target.model_space.names), self.robust_sd / self.sd, 0.0)  # type: ignore[attr-defined]
-                worst = int(np.argmax(ratio))
-                if ratio[worst] > MUCH_WIDER:
-                    told += f", and the sd of {self.names[worst]} is about {ratio[worst]:.1f} times too small (see the robust sd)"
-            found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if independent else ""))
-        return found
+        if not isinstance(self.target, Posterior):
+            return []
+        count = self.target.model_space.dimension  # the model's own parameters come first
+        ratios = (
+            None if self.robust_sd is None else dict(zip(self.names[:count], self.robust_sd / self.sd, strict=False))
+        )
+        return residual_warnings(self.residuals, self.target.discrepancy, ratios)
 
     @property
     def _stand_in(self) -> StandIn | None:
@@ -385,9 +323,9 @@ class SamplingResult:
 
         A certificate says it better.
         """
-        if not isinstance(self.target, Posterior) or self.certified is not None:
+        if self.certified is not None:
             return False
-        samples = sum(len(o.values) for o in self.target.observations)
+        samples = sum(len(o.values) for o in self._posterior().observations)
         return 0.5 * samples * error > SURROGATE_NATS * unexplained
 
     def _outside(self) -> float:
@@ -397,37 +335,6 @@ class SamplingResult:
             return 0.0
         draws = self.thinned(10_000)
         return float(stand_in.outside(np.asarray(self.target.model_parameters(draws))).mean())
-
-    def _prior_warnings(self) -> list[str]:
-        """Marginals on a bound of their prior, or far out in its tail."""
-        space = getattr(self.target, "space", None)
-        if not isinstance(space, ParameterSpace):
-            return []
-        found = []
-        for i, (name, marginal) in enumerate(space.marginals.items()):
-            draws, on_bound = self.flat[:, i], False
-            strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
-            for side, bound in zip(("lower", "upper"), marginal.support, strict=True):
-                mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
-                # A small error variance is a good fit, not a bound that binds.
-                if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
-                    on_bound = True
-                    # Zero is mostly what physics allows, and a good answer.
-                    at_zero = side == "lower" and bound == 0.0
-                    further = (
-                        "the data show nothing of it, or would go below zero"
-                        if at_zero
-                        else "the data would go further"
-                    )
-                    found.append(f"the posterior of {name} sits on the {side} bound of its prior: {further}")
-            p = float(marginal.cdf(np.median(draws)))
-            if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
-                found.append(
-                    f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
-                )
-        return found
-
-    # --- prediction ---------------------------------------------------------------------------------------------
 
     def predict(
         self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
@@ -541,26 +448,3 @@ class SamplingResult:
         self.to_datatree(predictions).to_netcdf(temporary, engine="h5netcdf")
         temporary.replace(file)
         return file
-
-
-class _NegativeLogDensity:
-    """−log π as an objective; the curvature that whitens the polls is the inverse of the draws' covariance."""
-
-    scale = 1.0
-    differentiable = True
-
-    def __init__(self, target: Target, low: np.ndarray, high: np.ndarray, covariance: np.ndarray) -> None:
-        self.names, self._target = target.names, target
-        box = {n: Uniform(a, b) for n, a, b in zip(target.names, low, high, strict=True)}
-        self.space = ParameterSpace(None, None, **box)
-        # Inverted as a correlation: in SI the variances of a stiffness and of an error variance lie thirty decades apart.
-        sd = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-        correlation = covariance / np.outer(sd, sd)
-        self._curvature = np.linalg.pinv(correlation, rcond=1e-12, hermitian=True) / np.outer(sd, sd)
-
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
-        return -self._target.log_density(theta)
-
-    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        count = len(theta)
-        return np.zeros(count), np.zeros_like(theta), np.tile(self._curvature, (count, 1, 1))

@@ -96,4 +96,5 @@ def integrate(
             state, _ = lax.scan(substep, state, row)
         return state, seen
 
-    return lax.scan(sample, state, jnp.concatenate([stages, last]))
+    final, seen = lax.scan(sample, state, jnp.concatenate([stages, last]))
+    return final, seen

@@ -337,7 +337,7 @@ class ShearFrame(TraceableModel):
         mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
         matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
-        return np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi)
+        return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
 
     def __str__(self) -> str:
         free = f", free: {', '.join(self.free)}" if self.free else ""

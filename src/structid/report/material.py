@@ -11,9 +11,10 @@ from structid.calibration.calibration_result import CalibrationResult
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.inference.assessment.identifiability import Identifiability, identifiability
+from structid.inference.assessment.summary import Summary
 from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling_result import SamplingResult, Summary
+from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Model
 from structid.optimize.minima import OptimizeResult
 from structid.runs import Runs

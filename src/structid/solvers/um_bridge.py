@@ -229,7 +229,8 @@ class ServedModel(Served):
         excitation = self._driven_by(config)
         values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
         finite = np.isfinite(values).all(axis=1)
-        return values[: len(values) if finite.all() else int(np.argmin(finite))].T.tolist()
+        usable: list[list[float]] = values[: len(values) if finite.all() else int(np.argmin(finite))].T.tolist()
+        return usable
 
     def apply_jacobian(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
@@ -255,9 +256,8 @@ class ServedModel(Served):
         import jax
 
         channel = self._channel(out_wrt, config)
-        return np.asarray(
-            jax.jvp(channel, (np.array(parameters[0], dtype=float),), (np.array(vec, dtype=float),))[1]
-        ).tolist()
+        point, direction = np.array(parameters[0], dtype=float), np.array(vec, dtype=float)
+        return [float(value) for value in jax.jvp(channel, (point,), (direction,))[1]]
 
     def gradient(
         self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
@@ -283,7 +283,7 @@ class ServedModel(Served):
         import jax
 
         _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
-        return np.asarray(pull_back(np.array(sens, dtype=float))[0]).tolist()
+        return [float(value) for value in pull_back(np.array(sens, dtype=float))[0]]
 
     def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
         """One channel's history as a function of the parameters, inside JAX."""

@@ -18,6 +18,9 @@ KINDS: tuple[SurrogateKind, ...] = (
     narx.KIND,
 )
 
+DEFAULT: SurrogateKind = pod_kriging.KIND
+"""What a calibration takes where nothing is said."""
+
 
 def by_word() -> dict[str, SurrogateKind]:
     """Kinds that a study file can name.

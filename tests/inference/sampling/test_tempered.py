@@ -9,8 +9,8 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
+from structid.inference.sampling.population import next_exponent
 from structid.inference.sampling.sampler import Evidence
-from structid.inference.sampling.tempered import next_exponent
 
 SMALL = si.SMC(particles=200, ensembles=4, steps=20, effective_share=0.5, correlation=0.5)
 

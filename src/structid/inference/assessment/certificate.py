@@ -68,7 +68,7 @@ class Limits:
         float
             min(1 − 1/log₁₀ n, the limit).
         """
-        return min(1.0 - 1.0 / np.log10(draws), self.k_hat)
+        return float(min(1.0 - 1.0 / np.log10(draws), self.k_hat))
 
 
 @dataclass(frozen=True, eq=False)

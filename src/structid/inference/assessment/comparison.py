@@ -185,7 +185,7 @@ class Comparison:
         if not self.by_evidence:
             return np.full(len(self.classes), np.nan)
         values = np.array([c.evidence.value for c in self.classes if c.evidence is not None])
-        return np.exp(values - logsumexp(values))
+        return np.asarray(np.exp(values - logsumexp(values)))
 
     @property
     def verdict(self) -> str:

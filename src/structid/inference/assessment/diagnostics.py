@@ -216,7 +216,7 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     last = log_density[-max(len(log_density) // 5, LAST_STEPS) :]
     best = last.max(axis=0)
     healthy = last[:, best >= np.quantile(best, 0.25)]
-    return slow | (best < healthy.min())
+    return np.asarray(slow | (best < healthy.min()))
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ class Prediction:
     @property
     def peaks(self) -> np.ndarray:
         """Largest absolute response of every draw in SI, shape (draw, channel)."""
-        return np.abs(self.response).max(axis=1)
+        return np.asarray(np.abs(self.response).max(axis=1))
 
 
 def predict(
@@ -236,4 +236,4 @@ def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, 
     unknown = posterior.unknowns(theta, index)
     observation = posterior.observations[index]
     dt = observation.record.dt
-    return response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)
+    return np.asarray(response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt))

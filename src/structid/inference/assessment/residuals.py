@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.signal
 
+from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
@@ -47,7 +49,7 @@ class WhitenedResidual:
         """ρ of the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
         count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
         covariance = autocovariance(self.values[:, None])[:count, 0]
-        return covariance / covariance[0]
+        return np.asarray(covariance / covariance[0])
 
     @property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -59,7 +61,7 @@ class WhitenedResidual:
     @property
     def bound(self) -> float:
         """Autocorrelation beyond which the residual is taken to be correlated."""
-        return max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values)))
+        return float(max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values))))
 
     @property
     def largest(self) -> tuple[float, float]:
@@ -171,7 +173,7 @@ def long_run_covariance(series: np.ndarray) -> np.ndarray:
     weights = np.concatenate([window, [0.0], window[:0:-1]])
     smoothed = np.fft.irfft(transform * np.fft.rfft(weights)[:, None].real, axis=0)[:samples]
     found = (series - series.mean(axis=0)).T @ smoothed
-    return 0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE)
+    return np.asarray(0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE))
 
 
 def parzen(x: np.ndarray) -> np.ndarray:
@@ -188,3 +190,40 @@ def parzen(x: np.ndarray) -> np.ndarray:
         1 at zero, 0 from 1 on.
     """
     return np.where(x <= 0.5, 1.0 - 6.0 * x**2 + 6.0 * x**3, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
+
+
+def residual_warnings(
+    residuals: tuple[WhitenedResidual, ...], law: Discrepancy, too_small_by: Mapping[str, float] | None
+) -> list[str]:
+    """Say which residuals the law of the discrepancy does not describe.
+
+    Parameters
+    ----------
+    residuals : tuple of WhitenedResidual
+        At the MAP estimate.
+    law : Discrepancy
+        The law that was assumed.
+    too_small_by : mapping of str to float, or None
+        Robust over posterior standard deviation of the model's parameters; None where it is not known.
+
+    Returns
+    -------
+    list of str
+        A sentence for each residual that is correlated.
+    """
+    word = law.describe()["kind"]
+    assumed = "independent errors" if law.independent else f"the discrepancy {word}"
+    found = []
+    for residual in residuals:
+        if not residual.correlated:
+            continue
+        value, lag = residual.largest
+        told = (
+            f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
+            f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
+        )
+        worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
+        if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
+            told += f", and the sd of {worst} is about {too_small_by[worst]:.1f} times too small (see the robust sd)"
+        found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if law.independent else ""))
+    return found

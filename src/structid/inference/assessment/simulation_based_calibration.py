@@ -350,7 +350,7 @@ class ReplicatedPosterior(Target):
             −inf outside the support and where a simulation failed.
         """
         phi = self.bijection.inverse(theta)
-        return self.evaluate(phi)[0] - self.bijection(phi)[1]
+        return np.asarray(self.evaluate(phi)[0] - self.bijection(phi)[1])
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw from the prior; see `Target.initial`.

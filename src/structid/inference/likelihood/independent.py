@@ -243,7 +243,9 @@ class IID(Discrepancy):
         ndarray, shape (run, time, channel)
             ε in SI.
         """
-        return rng.standard_normal(shape) * np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
+        return np.asarray(
+            rng.standard_normal(shape) * np.sqrt(self.variances(unknown, channels, shape[0], np).T[:, None, :])
+        )
 
     def describe(self) -> dict[str, Any]:
         """Return the kind and what was given for the variance.

@@ -164,7 +164,7 @@ class NUTS(Sampler):
             raise ConvergenceError(
                 f"None of {len(candidates)} starting points has a finite log density. Check the priors."
             )
-        return finite[rng.choice(len(finite), size=self.chains, replace=len(finite) < self.chains)]
+        return np.asarray(finite[rng.choice(len(finite), size=self.chains, replace=len(finite) < self.chains)])
 
 
 class _Kernels:
@@ -217,10 +217,6 @@ class _Kernels:
         def plain(phi: Any) -> Any:
             return self._function(phi[None], data)[0]
 
-        @jax.custom_vjp
-        def density(phi: Any) -> Any:
-            return plain(phi)
-
         def forward(phi: Any) -> tuple[Any, Any]:
             value, gradient = jax.vmap(lambda tangent: jax.jvp(plain, (phi,), (tangent,)), out_axes=(None, 0))(
                 jnp.eye(phi.shape[0])
@@ -228,8 +224,10 @@ class _Kernels:
             # Outside the support a density is −∞ and its gradient not a number, which would spoil the momentum for good.
             return value, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
 
+        density: Any = jax.custom_vjp(plain)
         density.defvjp(forward, lambda gradient, cotangent: (cotangent * gradient,))
-        return density
+        found: Callable[[Any], Any] = density
+        return found
 
     def _over_chains(self, name: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """Compile once; `function` takes one chain's key and arrays, and the data."""

@@ -220,7 +220,9 @@ class IndependenceLaw(NamedTuple):
         ensemble = np.arange(ensembles)[:, None]
         tails = np.sqrt(DEGREES_OF_FREEDOM / rng.chisquare(DEGREES_OF_FREEDOM, (ensembles, count, 1)))
         normal = rng.standard_normal((ensembles, count, dimension))
-        return self.middle[ensemble, layer] + tails * np.einsum("ewij,ewj->ewi", self.factor[ensemble, layer], normal)
+        return np.asarray(
+            self.middle[ensemble, layer] + tails * np.einsum("ewij,ewj->ewi", self.factor[ensemble, layer], normal)
+        )
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log q, but for a constant.
@@ -240,7 +242,7 @@ class IndependenceLaw(NamedTuple):
         whitened = np.linalg.inv(self.factor) @ (x[:, None] - self.middle[:, :, None]).swapaxes(2, 3)
         exponent = -0.5 * (DEGREES_OF_FREEDOM + x.shape[2])
         student = exponent * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
-        return logsumexp(log_share - log_volume + student, axis=1)
+        return np.asarray(logsumexp(log_share - log_volume + student, axis=1))
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.inference.sampling.population import Population
 from structid.inference.sampling.sampler import Block
-from structid.inference.sampling.tempered import SMC, Population
+from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 
 EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5)

@@ -9,8 +9,8 @@ import numpy as np
 from structid.ground_motion.record import GroundMotion
 from structid.probability.space import Design, ParameterSpace
 from structid.study.building.records import load_record
+from structid.study.schema.static_tables import CampaignSection
 from structid.study.schema.study_file import StudyFile
-from structid.study.schema.tables import CampaignSection
 from structid.surrogates.registry import by_word
 
 SURROGATE_RUNS = 500

@@ -13,6 +13,7 @@ from structid.optimize.region import region
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
+from structid.surrogates.registry import by_word
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
@@ -75,7 +76,12 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
     own = "one of the two: a calibration does its own runs"
     judged = "no such key: the certificate judges the surrogate"
     refusals = (
-        (not study.has_surrogate, "table 'calibration'", "no kind of [surrogate]", "a surrogate such as 'pod_kriging'"),
+        (
+            not study.has_surrogate,
+            "table 'calibration'",
+            "no kind of [surrogate]",
+            f"a surrogate such as '{next(iter(by_word()))}'",
+        ),
         (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
         (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
         (bool(said), f"key 'surrogate.{min(said, default='')}'", "it is given beside [calibration]", judged),

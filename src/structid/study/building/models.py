@@ -12,7 +12,7 @@ from structid.models.kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
 from structid.study.kinds.model_list import model_by_word
-from structid.study.schema.tables import ModelSection
+from structid.study.schema.static_tables import ModelSection
 
 
 def build_model(

@@ -13,14 +13,14 @@ from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED
-from structid.inference.likelihood.laws import law_by_word
+from structid.inference.likelihood.law_list import law_by_word
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Model
 from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.priors import known_or_prior, prior_of
+from structid.study.schema.static_tables import ObservationSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
-from structid.study.schema.tables import ObservationSection, VirtualSection
 from structid.units import to_si
 
 

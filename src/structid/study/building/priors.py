@@ -10,8 +10,8 @@ from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 from structid.study.kinds.model_list import model_by_word
+from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import StudyFile
-from structid.study.schema.tables import PriorSection
 from structid.units import factor, to_si
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
-from structid.study.schema.tables import RecordSection
+from structid.study.schema.static_tables import RecordSection
 
 
 def load_record(section: RecordSection, folder: Path, where: str) -> GroundMotion:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from structid.calibration.sequential import Plan
 from structid.errors import InputError
 from structid.inference.sampling.sampler import Sampler
-from structid.inference.sampling.samplers import sampler_by_word
+from structid.inference.sampling.sampler_list import sampler_by_word
 from structid.study.schema.kinds import SamplerSection
-from structid.study.schema.tables import CalibrationSection
+from structid.study.schema.static_tables import CalibrationSection
 
 
 def build_sampler(section: SamplerSection) -> Sampler:

@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal, Union
 from pydantic import Field, create_model, model_validator
 
 from structid.inference.likelihood.law_kind import LawKind
-from structid.inference.sampling.samplers import SamplerKind
+from structid.inference.sampling.sampler_list import SamplerKind
 from structid.keys import Section
 from structid.models.kind import ModelKind
-from structid.study.schema.tables import ModelSection, PriorSection, VirtualSection
+from structid.study.schema.static_tables import ModelSection, PriorSection, VirtualSection
 from structid.surrogates.kind import SurrogateKind
 
 

@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 
 from structid.errors import InputError, suggestion
-from structid.study.schema.tables import PriorSection
+from structid.study.schema.static_tables import PriorSection
 
 
 class StudyErrors(InputError):

@@ -11,10 +11,10 @@ import pydantic
 from pydantic import BeforeValidator, Field, create_model
 
 from structid.errors import InputError
-from structid.inference.likelihood import laws
+from structid.inference.likelihood import law_list
 from structid.inference.likelihood.law_kind import LawKind
-from structid.inference.sampling import samplers
-from structid.inference.sampling.samplers import SamplerKind
+from structid.inference.sampling import sampler_list
+from structid.inference.sampling.sampler_list import SamplerKind
 from structid.keys import Section
 from structid.models.kind import ModelKind
 from structid.study.kinds import model_list
@@ -29,7 +29,7 @@ from structid.study.schema.kinds import (
     virtual_section,
 )
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.tables import (
+from structid.study.schema.static_tables import (
     CalibrationSection,
     CampaignSection,
     DeterministicSection,
@@ -74,7 +74,7 @@ def study_file() -> type[StudyFile]:
     type
         A `StudyFile`.
     """
-    return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(laws.LAWS), tuple(samplers.SAMPLERS))
+    return _study_file(model_list.MODELS, tuple(surrogates.KINDS), tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
 
 
 @functools.cache

@@ -24,6 +24,7 @@ from structid.surrogates.fit import (
     run_digests,
 )
 from structid.surrogates.kriging.universal_kriging import Kriging
+from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments
 from structid.surrogates.narx.free_run import FreeRun, robust_loss
 from structid.surrogates.narx.one_step_regression import (
@@ -32,7 +33,7 @@ from structid.surrogates.narx.one_step_regression import (
     first_coefficients,
     per_experiment_solution,
 )
-from structid.surrogates.narx.parametric_narx import Coefficients, ParametricNARX, with_held_out_spread
+from structid.surrogates.narx.parametric_narx import ParametricNARX, with_held_out_spread
 from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.structure import build_recursion
 from structid.surrogates.narx.term_selection import select_terms

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,18 +16,15 @@ from structid.histories import Histories
 from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
-from structid.surrogates.named_arrays import found_under, put_under
+from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments, input_signals
 from structid.surrogates.narx.free_run import FreeRun
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import Memory, Term
 from structid.surrogates.narx.training import refined_coefficients
 from structid.surrogates.narx.training_set import training_set
-from structid.surrogates.regression import Regression
-from structid.surrogates.regressions import regression_from_plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -95,97 +91,7 @@ def local_size(values: np.ndarray) -> np.ndarray:
     window = min(WINDOW, values.shape[1])
     square = scipy.ndimage.uniform_filter1d(values**2, window, axis=1, mode="nearest")
     whole = np.mean(values**2, axis=1, keepdims=True)
-    return np.sqrt(np.maximum(square, 1e-6 * whole) + 1e-300)
-
-
-@dataclass(frozen=True, eq=False)
-class Coefficients:
-    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them.
-
-    Parameters
-    ----------
-    trend : ChaosExpansion
-        All coefficients.
-    deviation : Regression, optional
-        Scaled deviations from the trend.
-    varying : ndarray of int, optional
-        Which coefficients deviate.
-    scale : ndarray, optional
-        Scale of their deviations.
-    """
-
-    trend: ChaosExpansion
-    deviation: Regression | None = None
-    varying: np.ndarray | None = None
-    scale: np.ndarray | None = None
-
-    def predict(self, theta: Any) -> Any:
-        """Coefficients at points.
-
-        Parameters
-        ----------
-        theta : ndarray or jax.Array, shape (run, parameter)
-            Points in SI.
-
-        Returns
-        -------
-        array, shape (run, coefficient)
-            Of the kind `theta` is.
-        """
-        from structid.device import jnp
-
-        found = self.trend.predict(theta)
-        if self.deviation is None or self.varying is None:
-            return found
-        added = self.deviation.predict(theta) * self.scale
-        if isinstance(found, np.ndarray):
-            found = found.copy()
-            found[:, self.varying] += added
-            return found
-        return jnp.asarray(found).at[:, self.varying].add(added)
-
-    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what they consist of, for a file.
-
-        Returns
-        -------
-        tuple of dict
-            What JSON can say, and arrays.
-        """
-        plain, arrays = self.trend.to_plain()
-        said: dict[str, Any] = {"trend": plain}
-        found = put_under("trend", arrays)
-        if self.deviation is not None and self.varying is not None and self.scale is not None:
-            plain, arrays = self.deviation.to_plain()
-            said["deviation"] = [self.deviation.word, plain]
-            found |= put_under("deviation", arrays)
-            found |= {"varying": self.varying, "scale": self.scale}
-        return said, found
-
-    @classmethod
-    def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
-        """Make them again from what `to_plain` said.
-
-        Parameters
-        ----------
-        space : ParameterSpace
-            The parameters.
-        plain : dict
-            What JSON can say.
-        arrays : mapping of str to ndarray
-            The arrays.
-
-        Returns
-        -------
-        Coefficients
-            The same.
-        """
-        trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
-        if "deviation" not in plain:
-            return cls(trend)
-        word, said = plain["deviation"]
-        deviation = regression_from_plain(word, space, said, found_under("deviation", arrays))
-        return cls(trend, deviation, arrays["varying"], arrays["scale"])
+    return np.asarray(np.sqrt(np.maximum(square, 1e-6 * whole) + 1e-300))
 
 
 class ParametricNARX(Surrogate):
@@ -374,7 +280,7 @@ class ParametricNARX(Surrogate):
         ndarray, shape (run, time, channel)
             In SI.
         """
-        return local_size(values) * self.spread
+        return np.asarray(local_size(values) * self.spread)
 
     def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
         """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.

@@ -60,4 +60,4 @@ class RecordFit:
 
     @property
     def _score_variance(self) -> np.ndarray:
-        return self.score_deviation**2 / np.maximum(self.scores.leave_one_out_error, 1e-300)
+        return np.asarray(self.score_deviation**2 / np.maximum(self.scores.leave_one_out_error, 1e-300))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from structid.inference.likelihood import correlated, independent
+from structid.inference.likelihood import independent, kernels
 from structid.inference.likelihood.law_kind import LawKind
 
 LAWS: tuple[LawKind, ...] = (
     independent.IID_KIND,
-    correlated.AR1_KIND,
-    correlated.MATERN32_KIND,
-    correlated.DAMPED_COSINE_KIND,
+    kernels.AR1_KIND,
+    kernels.MATERN32_KIND,
+    kernels.DAMPED_COSINE_KIND,
 )
 
 

@@ -1,0 +1,46 @@
+"""Marginals that lie on a bound of their prior, or far out in its tail."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.inference.assessment.diagnostics import BOUND_MASS, BOUND_WIDTH, TAIL_PROBABILITY
+from structid.probability.space import ParameterSpace
+
+
+def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]:
+    """Say where prior and data disagree.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The priors.
+    draws_of_all : ndarray, shape (draw, parameter)
+        Of the posterior, in SI.
+
+    Returns
+    -------
+    list of str
+        A sentence for each parameter with something to say.
+    """
+    found = []
+    for i, (name, marginal) in enumerate(space.marginals.items()):
+        draws, on_bound = draws_of_all[:, i], False
+        strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
+        for side, bound in zip(("lower", "upper"), marginal.support, strict=True):
+            mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
+            # A small error variance is a good fit, not a bound that binds.
+            if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
+                on_bound = True
+                # Zero is mostly what physics allows, and a good answer.
+                at_zero = side == "lower" and bound == 0.0
+                further = (
+                    "the data show nothing of it, or would go below zero" if at_zero else "the data would go further"
+                )
+                found.append(f"the posterior of {name} sits on the {side} bound of its prior: {further}")
+        p = float(marginal.cdf(np.median(draws)))
+        if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
+            found.append(
+                f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
+            )
+    return found

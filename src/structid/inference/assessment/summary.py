@@ -1,0 +1,51 @@
+"""The table of a sampling: moments, quantiles, best point, diagnostics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.units import label
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Posterior moments, quantiles, best point and diagnostics, a row a parameter, in display units.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Parameters and their display units.
+    columns : dict of str to ndarray, shape (parameter,)
+        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
+        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: dict[str, np.ndarray]
+
+    def row(self, name: str) -> dict[str, float]:
+        """One parameter's figures.
+
+        Parameters
+        ----------
+        name : str
+            The parameter.
+
+        Returns
+        -------
+        dict of str to float
+            By column.
+        """
+        index = self.names.index(name)
+        return {column: float(values[index]) for column, values in self.columns.items()}
+
+    def __str__(self) -> str:
+        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
+        width = max(len(h) for h in heads)
+        lines = ["".ljust(width) + "".join(c.rjust(12) for c in self.columns)]
+        for i, head in enumerate(heads):
+            lines.append(head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values()))
+        return "\n".join(lines)

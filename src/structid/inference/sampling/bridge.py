@@ -1,0 +1,76 @@
+"""The evidence from particles of neighbouring stages, by Bennett's acceptance ratio."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import scipy
+from scipy.special import expit
+
+from structid.inference.sampling.population import Population
+from structid.inference.sampling.sampler import Evidence
+
+
+def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) -> Evidence:
+    """Evidence from the particles of all stages.
+
+    Weighing and drawing anew should leave particles of the next exponent's law, which moves do not change on average. Where a
+    narrow peak takes over, too few of them are on it: they lag behind, and their mean log-likelihood rises while they move. Of
+    such a deficit D the share ρ is left when they correlate by ρ with where they began: after a rise of (1 − ρ) D, ρ D.
+
+    Parameters
+    ----------
+    stages : list of Population
+        From β = 0 to β = 1.
+    rise : ndarray, shape (stage, ensemble)
+        Of the mean log-likelihoods while the particles moved.
+    left : ndarray, shape (stage,)
+        ρ, the correlation at the end of each stage with where it began.
+
+    Returns
+    -------
+    Evidence
+        Σ log Z_{k+1}/Z_k of each population, and their mean.
+    """
+    left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
+    each = np.zeros(len(stages[0].prior))
+    variance = np.zeros_like(each)
+    for stage, (now, then) in enumerate(itertools.pairwise(stages)):
+        for row in range(len(each)):
+            increment = then.exponent - now.exponent
+            ratio, own = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
+            each[row] += ratio
+            # Stages that correlate by ρ, each with the next, add up to a variance (1 + ρ) / (1 − ρ) times that of independent ones.
+            variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
+    # log Z = ∫ ⟨log L⟩ dβ (thermodynamic integration): what mean log-likelihoods lack, log Z lacks.
+    lacking = scipy.integrate.trapezoid(
+        rise * (left / (1.0 - left))[:, None], [stage.exponent for stage in stages], axis=0
+    )
+    return Evidence.of_populations(each, variance, lacking)
+
+
+def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
+    """Log Z₁/Z₀ of two densities from draws of both (C. H. Bennett 1976, doi 10.1016/0021-9991(76)90078-4).
+
+    With f(x) = 1/(1 + eˣ) and as many draws of each, log Z₁/Z₀ is the C of Σ₀ f(C − w) = Σ₁ f(w − C).
+
+    Parameters
+    ----------
+    forward, backward : ndarray, shape (draw,)
+        w, the log of the unnormalised second density over the first, at draws of the first and of the second.
+
+    Returns
+    -------
+    tuple of float
+        log Z₁/Z₀, and its variance if the draws were independent.
+    """
+
+    def difference(constant: float) -> float:
+        return float(expit(forward - constant).sum() - expit(constant - backward).sum())
+
+    known = np.concatenate([forward[np.isfinite(forward)], backward])
+    found = scipy.optimize.brentq(difference, known.min() - 50.0, known.max() + 50.0, xtol=1e-10)
+    shares = (expit(forward - found), expit(found - backward))
+    variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)
+    return float(found), variance

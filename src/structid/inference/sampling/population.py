@@ -1,0 +1,348 @@
+"""Particles at one exponent of the likelihood: drawn from the prior, weighed, drawn anew and moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import scipy
+from scipy.special import logsumexp
+
+from structid.errors import ConvergenceError
+from structid.inference.sampling.moves import EnsembleState, Moves, halves
+from structid.inference.sampling.sampler import Block, correlation
+from structid.inference.target import Target
+from structid.streams import Purpose, stream
+
+
+class PopulationSettings(Protocol):
+    """How a population of particles is drawn and moved; see `SMC`."""
+
+    @property
+    def ensembles(self) -> int:
+        """Independent populations."""
+
+    @property
+    def particles(self) -> int:
+        """Particles of each."""
+
+    @property
+    def effective_share(self) -> float:
+        """Share of the particles that the weights of a stage leave effective."""
+
+    @property
+    def correlation(self) -> float:
+        """Particles move in a stage until they correlate by no more with where it began."""
+
+    @property
+    def least_moves(self) -> int:
+        """Moves in a stage at least."""
+
+    @property
+    def most_moves(self) -> int:
+        """Moves in a stage at most."""
+
+    @property
+    def stretch(self) -> float:
+        """Stretch of the stretch move, its a."""
+
+    @property
+    def independent(self) -> float:
+        """Fraction of the moves that are independence moves."""
+
+    @property
+    def differential_evolution(self) -> float:
+        """Fraction of the others that are differential-evolution moves."""
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Particles at one exponent.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, particle, parameter)
+        Unconstrained coordinates.
+    prior, likelihood : ndarray, shape (ensemble, particle)
+        Log densities there, the prior's with respect to φ.
+    exponent : float
+        β.
+    """
+
+    phi: np.ndarray
+    prior: np.ndarray
+    likelihood: np.ndarray
+    exponent: float
+
+    @property
+    def log_density(self) -> np.ndarray:
+        """Log π₀ L^β, shape (ensemble, particle)."""
+        return tempered(self.prior, self.likelihood, self.exponent)
+
+    @classmethod
+    def of(cls, block: Block) -> Population:
+        """Particles at the end of a block.
+
+        Parameters
+        ----------
+        block : dict
+            As `run_stage` and `run_moves` make it.
+
+        Returns
+        -------
+        Population
+            Where to go on.
+        """
+        last = {name: array[-1] for name, array in block.items()}
+        return cls(last["phi"], last["prior"], last["likelihood"], float(last["exponent"]))
+
+
+def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.ndarray:
+    """Log π₀ L^β; at β = 0 a likelihood of −inf does not count.
+
+    Parameters
+    ----------
+    prior, likelihood : ndarray
+        Log densities.
+    exponent : float
+        β.
+
+    Returns
+    -------
+    ndarray
+        Log density.
+    """
+    return prior + exponent * likelihood if exponent > 0.0 else prior
+
+
+def starting_population(settings: PopulationSettings, target: Target, seed: int) -> Population:
+    """Draw particles from the prior.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How many.
+    target : Target
+        With the prior.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    Population
+        At β = 0.
+    """
+    shape = (settings.ensembles, settings.particles)
+    phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, 0))
+    prior, likelihood, _ = target.evaluate_parts(phi)
+    if np.isfinite(likelihood).sum() < 2 * target.dimension:
+        raise ConvergenceError(
+            f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a likelihood. Check the priors: most of "
+            "what they allow cannot be simulated."
+        )
+    return Population(phi.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape), 0.0)
+
+
+def run_stage(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
+) -> tuple[Population, Block]:
+    """Raise the exponent: weigh, draw anew, move.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How far, and how.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    tuple of Population and dict
+        After, and its block of one step.
+    """
+    exponent = next_exponent(population.likelihood, population.exponent, settings.effective_share)
+    log_weights = (exponent - population.exponent) * population.likelihood
+    weights = np.exp(log_weights - logsumexp(log_weights, axis=1, keepdims=True))
+    rows = np.stack([_systematic(w, rng) for w in weights])
+    drawn = replace(
+        population,
+        phi=np.take_along_axis(population.phi, rows[:, :, None], axis=1),
+        prior=np.take_along_axis(population.prior, rows, axis=1),
+        likelihood=np.take_along_axis(population.likelihood, rows, axis=1),
+        exponent=exponent,
+    )
+    moved, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
+    passed = [drawn.likelihood]
+    for count in range(1, settings.most_moves + 1):
+        moved, accepted, more = move(settings, target, moved, rng)
+        failed += more
+        passed.append(moved.likelihood)
+        left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved)))
+        if count >= settings.least_moves and left < settings.correlation and _at_rest(passed):
+            break
+    rise = (moved.likelihood - drawn.likelihood).mean(axis=1)
+    return moved, block_of([moved], [accepted], [failed], rise, left)
+
+
+def _at_rest(passed: list[np.ndarray]) -> bool:
+    """Whether the mean log-likelihood, after every move so far, has gone nowhere in the later half of them, within two errors."""
+    change = passed[-1] - passed[len(passed) // 2]
+    return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
+
+
+def run_moves(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator, steps: int
+) -> tuple[Population, Block]:
+    """Move particles at a constant exponent.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+    steps : int
+        How often.
+
+    Returns
+    -------
+    tuple of Population and dict
+        After, and the block of all steps.
+    """
+    history, accepted, failed = [], [], []
+    for _ in range(steps):
+        population, moved, lost = move(settings, target, population, rng)
+        history.append(population)
+        accepted.append(moved)
+        failed.append(lost)
+    return population, block_of(history, accepted, failed)
+
+
+def move(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
+) -> tuple[Population, np.ndarray, int]:
+    """Move every particle once: one half of each population, then the other.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        Which moves.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    tuple of Population, ndarray of bool (ensemble, particle), int
+        After, which moved, and how many simulations failed.
+    """
+    phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
+    moves = Moves(settings.stretch, settings.differential_evolution, settings.independent)
+    failed_simulations = 0
+    accepted = np.zeros(prior.shape, dtype=bool)
+    for moving, resting in halves(settings.particles):
+        now = tempered(prior, likelihood, population.exponent)
+        proposal, log_factor = moves.propose(
+            rng, moves.kind(rng), phi[:, moving], EnsembleState(phi, now).part(resting)
+        )
+        parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
+        new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
+        failed_simulations += int(parts[2].sum())
+        then = tempered(new_prior, new_likelihood, population.exponent)
+        better = np.log(rng.random(log_factor.shape)) < log_factor + then - now[:, moving]
+        phi[:, moving][better] = proposal[better]
+        prior[:, moving][better] = new_prior[better]
+        likelihood[:, moving][better] = new_likelihood[better]
+        accepted[:, moving] = better
+    return replace(population, phi=phi, prior=prior, likelihood=likelihood), accepted, failed_simulations
+
+
+def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> float:
+    """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw².
+
+    Parameters
+    ----------
+    likelihood : ndarray, shape (ensemble, particle)
+        Log-likelihoods.
+    exponent : float
+        The present one.
+    share : float
+        Of the particles.
+
+    Returns
+    -------
+    float
+        At most 1.
+    """
+    # Particles without any likelihood are left behind by the smallest step, and are not for the exponent to save.
+    usable = int(np.isfinite(likelihood).sum())
+
+    def lacking(log_increment: float) -> float:
+        weights = np.exp(log_increment) * likelihood
+        # The mean of the populations' sizes: none of them decides alone.
+        size = 2.0 * logsumexp(weights, axis=1) - logsumexp(2.0 * weights, axis=1)
+        return float(logsumexp(size) - np.log(usable) - np.log(share))
+
+    largest = np.log(1.0 - exponent)
+    if lacking(largest) >= 0.0:
+        return 1.0
+    smallest = largest
+    while lacking(smallest) < 0.0:
+        smallest -= 5.0
+    return float(exponent + np.exp(scipy.optimize.brentq(lacking, smallest, largest, xtol=1e-6)))
+
+
+def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Rows drawn with probabilities, each as often as its expectation but for rounding."""
+    places = (rng.random() + np.arange(len(weights))) / len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+
+
+def block_of(
+    populations: list[Population],
+    accepted: list[np.ndarray],
+    failed: list[int],
+    rise: np.ndarray | None = None,
+    left: float = 0.0,
+) -> Block:
+    """Make a block of some steps.
+
+    Parameters
+    ----------
+    populations : list of Population
+        After each step.
+    accepted : list of ndarray of bool, shape (ensemble, particle)
+        Which moved in each.
+    failed : list of int
+        Simulations that failed in each.
+    rise : ndarray, shape (ensemble,), optional
+        Of a stage: how far its mean log-likelihoods rose.
+    left : float
+        Of a stage: the correlation left with where it began.
+
+    Returns
+    -------
+    dict
+        Arrays with a leading step axis.
+    """
+    several = ("phi", "prior", "likelihood", "log_density", "exponent")
+    block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
+    moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)
+    return block | {
+        "accepted": moved,
+        "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
+        "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
+        "left": np.full(len(populations), left),
+    }

@@ -1,0 +1,104 @@
+"""Coefficients of a recursion as functions of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.named_arrays import found_under, put_under
+from structid.surrogates.regression import Regression
+from structid.surrogates.regressions import regression_from_plain
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """Coefficients of the recursion as functions of the parameters: a trend, and what Kriging adds to some of them.
+
+    Parameters
+    ----------
+    trend : ChaosExpansion
+        All coefficients.
+    deviation : Regression, optional
+        Scaled deviations from the trend.
+    varying : ndarray of int, optional
+        Which coefficients deviate.
+    scale : ndarray, optional
+        Scale of their deviations.
+    """
+
+    trend: ChaosExpansion
+    deviation: Regression | None = None
+    varying: np.ndarray | None = None
+    scale: np.ndarray | None = None
+
+    def predict(self, theta: Any) -> Any:
+        """Coefficients at points.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, coefficient)
+            Of the kind `theta` is.
+        """
+        from structid.device import jnp
+
+        found = self.trend.predict(theta)
+        if self.deviation is None or self.varying is None:
+            return found
+        added = self.deviation.predict(theta) * self.scale
+        if isinstance(found, np.ndarray):
+            found = found.copy()
+            found[:, self.varying] += added
+            return found
+        return jnp.asarray(found).at[:, self.varying].add(added)
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what they consist of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can say, and arrays.
+        """
+        plain, arrays = self.trend.to_plain()
+        said: dict[str, Any] = {"trend": plain}
+        found = put_under("trend", arrays)
+        if self.deviation is not None and self.varying is not None and self.scale is not None:
+            plain, arrays = self.deviation.to_plain()
+            said["deviation"] = [self.deviation.word, plain]
+            found |= put_under("deviation", arrays)
+            found |= {"varying": self.varying, "scale": self.scale}
+        return said, found
+
+    @classmethod
+    def from_plain(cls, space: Any, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> Coefficients:
+        """Make them again from what `to_plain` said.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The parameters.
+        plain : dict
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        Coefficients
+            The same.
+        """
+        trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
+        if "deviation" not in plain:
+            return cls(trend)
+        word, said = plain["deviation"]
+        deviation = regression_from_plain(word, space, said, found_under("deviation", arrays))
+        return cls(trend, deviation, arrays["varying"], arrays["scale"])
