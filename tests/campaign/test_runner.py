@@ -118,9 +118,8 @@ def test_a_badly_behaved_solver_ends_with_exact_counts(tmp_path):
     design = SPACE.sample(1000, seed=3)
     model = wave_model(solvers.badly_behaved, time_limit=0.25)
     runs = si.Campaign(model, RECORD, design, tmp_path / "r.h5").run("processes")
-    assert runs.counts == {
-        Status.DONE: 800, Status.DIVERGED: 50, Status.FAILED: 100, Status.TIMED_OUT: 50, Status.PENDING: 0,
-    }  # fmt: skip
+    seen = {status: count for status, count in runs.counts.items() if count}
+    assert seen == {Status.DONE: 800, Status.DIVERGED: 50, Status.FAILED: 100, Status.TIMED_OUT: 50}
     a = design.values[:, 0]
     np.testing.assert_array_equal(runs.status == Status.FAILED, a < 0.10)
     np.testing.assert_array_equal(runs.status == Status.TIMED_OUT, (a >= 0.10) & (a < 0.15))

@@ -14,7 +14,7 @@ import structid as si
 from package import concrete_subclasses
 from servers import serving_waves
 from structid.errors import InputError
-from structid.models.face import Model, StandIn
+from structid.models.face import Model
 
 RECORD = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(2.0)
 OTHER = si.GroundMotion.synthetic(seed=9).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(2.0)
@@ -148,10 +148,13 @@ class TestEveryModel:
     def test_it_says_what_it_is(self, case):
         model, space, _ = case
         assert model.content_hash == model.content_hash and len(model.content_hash) >= 16
-        assert model.free == space.names
-        if isinstance(model, StandIn):
-            outside = model.outside(model.parameters(space.sample(3, seed=2)))
-            assert outside.shape == (3,) and not outside.any() and 0.0 < model.relative_error < 0.1
+        assert model.free == space.names and set(model.channel_units) == set(model.channels)
+        assert model.recording(*model.channels).channels == model.channels
+        assert model.traceable <= model.batched and not (model.batched and model.guarded)
+        if model.stand_in is not None:
+            outside = model.stand_in.outside(model.parameters(space.sample(3, seed=2)))
+            assert outside.shape == (3,) and not outside.any() and model.stand_in.relative_error >= 0.0
+            assert set(model.stand_in.search_range()) == set(model.free)
 
     def test_its_posterior_is_prior_times_likelihood(self, case):
         """Written out again: log π(θ) − ½ T log 2πσ² − ‖y − M(θ)‖²/(2σ²)."""

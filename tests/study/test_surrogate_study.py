@@ -8,7 +8,7 @@ import pytest
 from structid.errors import InputError
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.run import load, report_again, run_study
-from structid.study.schema.kinds import SurrogateSection
+from structid.study.schema.study_file import study_file
 from structid.surrogates import registry
 from structid.surrogates.chaos.pce import PCE
 from studies import PACKAGED, PLAIN, shortened
@@ -113,16 +113,17 @@ def test_what_fitting_would_refuse_is_said_before_any_run(kind, more, words_of_t
 
 
 def test_settings_reach_the_surrogate():
+    section = study_file().model_fields["surrogate"].annotation
     settings = surrogate_settings(
-        SurrogateSection(kind="kriging_narx", degree=2, correlation="matern32", terms=("x(t)", "y(t-1)"))
+        section(kind="kriging_narx", degree=2, correlation="matern32", terms=("x(t)", "y(t-1)"))
     )
     assert settings.degree == 2 and settings.kriging.correlation == "matern32" and settings.terms == ("x(t)", "y(t-1)")
     assert settings.kriging.nugget == "estimate"
     further = surrogate_settings(
-        SurrogateSection(kind="pc_narx", washout=2.0, horizons=(4, 16), terms={"velocity": ("x(t)", "y(t-1)")})
+        section(kind="pc_narx", washout=2.0, horizons=(4, 16), terms={"velocity": ("x(t)", "y(t-1)")})
     )
     assert further.washout == 2.0 and further.horizons == (4, 16) and further.terms["velocity"] == ("x(t)", "y(t-1)")
-    kriging = surrogate_settings(SurrogateSection(kind="pod_kriging", starts=3, trend="pce")).kriging
+    kriging = surrogate_settings(section(kind="pod_kriging", starts=3, trend="pce")).kriging
     assert kriging.starts == 3 and isinstance(kriging.trend, PCE)
-    assert surrogate_settings(SurrogateSection(kind="pod_pce", degree=4)).pce.method == "sparse"
-    assert surrogate_settings(SurrogateSection(kind="pod_pce")).pce.method == "shrinkage"
+    assert surrogate_settings(section(kind="pod_pce", degree=4)).pce.method == "sparse"
+    assert surrogate_settings(section(kind="pod_pce")).pce.method == "shrinkage"
