@@ -68,7 +68,8 @@ class Round:
         Returns
         -------
         bool
-            Whether the fresh draws of the round itself would pass, with room to spare: they are few, a failed certificate dear.
+            Whether the fresh draws of the round itself would pass with a margin: they are few, and a failed certificate is
+            expensive.
         """
         enough = self.effective_sample_size >= limits.effective_share * self.fresh
         return enough and self.spread <= PROMISING * limits.spread

@@ -40,7 +40,7 @@ DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
 
 Tell = Callable[[str, int, int], None]
-"""Told what is being done, how much of it is done, and of how much."""
+"""Called with what is being done, how much of it is done, and the total."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def calibrate(
     executor : optional
         Where an external model's runs are done; see `Campaign.run`.
     progress : callable, optional
-        Told what is being done, how much of it is done, and of how much.
+        Called with what is being done, how much of it is done, and the total.
 
     Returns
     -------

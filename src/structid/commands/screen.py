@@ -39,7 +39,7 @@ def stage(name: str) -> Iterator[Any]:
     Yields
     ------
     callable
-        To be told how much is done, of how much.
+        Takes how much is done, and the total.
     """
     from rich.progress import (
         BarColumn,

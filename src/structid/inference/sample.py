@@ -43,7 +43,7 @@ def sample(
         target's prior, or tempered posterior, when left out.
         Spread them wider than the posterior, or R-hat has nothing to find.
     progress : callable, optional
-        Told how far it is, and of how much.
+        Called with how much is done, and the total.
 
     Returns
     -------

@@ -154,7 +154,7 @@ class SamplingResult:
         return np.asarray(np.quantile(self.flat, p, axis=0))
 
     def thinned(self, count: int = THINNED_DRAWS) -> np.ndarray:
-        """Draws spread evenly over all kept steps and walkers.
+        """Draws taken evenly from all kept steps and walkers.
 
         Parameters
         ----------

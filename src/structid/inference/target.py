@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
+import jax
 import numpy as np
 
+from structid.device import over_runs
 from structid.errors import InputError, check_choice
 from structid.journal import digest, function_identity
 from structid.probability.bijections import Bijection
@@ -179,9 +181,6 @@ class LogDensity(Target):
 
     @cached_property
     def _compiled(self) -> tuple[Callable[..., Any], Callable[..., Any]]:
-        import jax
-
-        from structid.device import over_runs
 
         in_coordinates, data = self.traceable()
         return over_runs(jax.vmap(self._function)), over_runs(lambda phi: in_coordinates(phi, data))
@@ -201,7 +200,6 @@ class LogDensity(Target):
         """
         if self.backend != "jax":
             return super().traceable()
-        import jax
 
         batched = jax.vmap(self._function)
 

@@ -16,7 +16,7 @@ from structid.histories import Histories
 from structid.probability.space import Design
 
 Progress = Callable[[int, int], None]
-"""Told how many runs (or steps) are done, and of how many."""
+"""Called with the number of finished runs or steps, and the total."""
 
 Map = Callable[..., Iterable[Any]]
 """Applies a function to every element of a sequence, in order, like ``concurrent.futures.Executor.map``."""
@@ -196,7 +196,7 @@ class Model(ABC):
         excitation : Excitation or sequence of Excitation
             What drives it: one for all runs, or one for each run, all of the same step and length.
         progress : callable, optional
-            Told how many runs are done.
+            Called with the number of finished runs and the total.
         map : callable, optional
             Spreads the runs of an external model, like ``Executor.map``. Built-in models run in batches and do not need it.
 

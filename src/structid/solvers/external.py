@@ -127,7 +127,7 @@ class ExternalModel(Model):
         excitation : Excitation
             What drives it.
         progress : callable, optional
-            Told how many runs are done.
+            Called with the number of finished runs and the total.
         map : callable, optional
             Spreads the runs, like ``Executor.map``; one after another when left out.
 

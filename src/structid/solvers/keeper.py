@@ -42,9 +42,9 @@ class _Runner:
         os.waitpid(self.pid, 0)
 
     def ended(self) -> str:
-        """Say how it ended that has closed its channel, and kill what it has left behind."""
+        """Say how a runner ended that has closed its channel, and kill the processes it has left behind."""
         status = 0
-        for _ in range(100):  # it is on its way out: how, is known in a moment
+        for _ in range(100):  # it is ending; in a moment its exit code is known
             pid, status = os.waitpid(self.pid, os.WNOHANG)
             if pid:
                 self._kill_group()

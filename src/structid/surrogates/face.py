@@ -313,7 +313,7 @@ class Surrogate(TraceableModel, StandIn):
         runs : Runs
             Runs of the model it stands for.
         progress : callable, optional
-            Told how many are compared.
+            Called with the number of compared runs and the total.
 
         Returns
         -------

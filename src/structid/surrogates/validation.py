@@ -310,7 +310,7 @@ def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None)
     runs : Runs
         Independent runs.
     progress : callable, optional
-        Told how many are compared.
+        Called with the number of compared runs and the total.
 
     Returns
     -------

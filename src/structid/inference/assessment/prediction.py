@@ -95,7 +95,7 @@ def predict(
     seed : int
         Seed of the discrepancy.
     progress : callable, optional
-        Told how many runs are done.
+        Called with the number of finished runs and the total.
 
     Returns
     -------

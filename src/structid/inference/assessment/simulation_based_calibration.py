@@ -200,7 +200,7 @@ def sbc(
     noise : Discrepancy, optional
         What disturbs them, if not the posterior's own law; its parameters must be known.
     progress : callable, optional
-        Told how far it is, in hundredths.
+        Called with how many hundredths are done, and a hundred.
 
     Returns
     -------

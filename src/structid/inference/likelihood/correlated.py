@@ -15,8 +15,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+import jax
 import numpy as np
 
+from structid.device import jnp
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.probability.marginals import Uniform
@@ -162,8 +164,6 @@ class Correlated(Discrepancy):
         A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
         arrays, and slow ones over the entries of a matrix, each an array of its own.
         """
-        from structid.device import jnp
-
         transition, noise, stationary, white = self._system(unknown, channels, residual.shape[2], dt, jnp)
         white = white + more_white
         size = range(len(stationary))
@@ -197,8 +197,6 @@ class Correlated(Discrepancy):
         self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
     ) -> tuple[Any, Any]:
         """One-step prediction errors and their precisions, each (time, channel, run)."""
-        import jax
-
         start, step, _ = self._filter(residual, unknown, channels, dt)
         filtered: tuple[Any, Any] = jax.lax.scan(step, start, residual)[1]
         return filtered
@@ -226,10 +224,6 @@ class Correlated(Discrepancy):
         jax.Array, shape (run,)
             Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
         """
-        import jax
-
-        from structid.device import jnp
-
         start, step, first = self._filter(residual, unknown, channels, dt, white)
 
         def sample(carry: Any, measured: Any) -> tuple[Any, None]:
@@ -267,8 +261,6 @@ class Correlated(Discrepancy):
         jax.Array, shape (time, channel, run)
             −½ log(2πS) − v²/(2S).
         """
-        from structid.device import jnp
-
         error, precision = self._innovations(residual, unknown, channels, dt)
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
@@ -291,8 +283,6 @@ class Correlated(Discrepancy):
         jax.Array, shape (time, channel, run)
             L⁻¹ r.
         """
-        from structid.device import jnp
-
         error, precision = self._innovations(residual, unknown, channels, dt)
         return error * jnp.sqrt(precision)
 

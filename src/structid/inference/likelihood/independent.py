@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.device import jnp
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
@@ -138,8 +139,6 @@ class IID(Discrepancy):
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
-        from structid.device import jnp
-
         variance = self.variances(unknown, channels, residual.shape[2], jnp) + white
         return _normal_log_density((residual**2).sum(axis=0), residual.shape[0], variance)
 
@@ -164,8 +163,6 @@ class IID(Discrepancy):
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
-        from structid.device import jnp
-
         return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], jnp))
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
@@ -187,8 +184,6 @@ class IID(Discrepancy):
         jax.Array, shape (time, channel, run)
             −½ log(2πσ²) − r²/(2σ²).
         """
-        from structid.device import jnp
-
         variance = self.variances(unknown, channels, residual.shape[2], jnp)
         return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
 
@@ -211,8 +206,6 @@ class IID(Discrepancy):
         jax.Array, shape (time, channel, run)
             r/σ.
         """
-        from structid.device import jnp
-
         return residual / jnp.sqrt(self.variances(unknown, channels, residual.shape[2], jnp))
 
     def draw(
@@ -269,8 +262,6 @@ class IID(Discrepancy):
 
 def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
     """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
-    from structid.device import jnp
-
     return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
 
 

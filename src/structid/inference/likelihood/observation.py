@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from structid.channels import ChannelUnit, declared_unit, standard_unit
+from structid.device import jnp
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
@@ -198,8 +199,6 @@ class Observation:
         jax.Array, shape (time, channel, run)
             gain · M(t − time_shift) + offset.
         """
-        from structid.device import jnp
-
         if self.time_shift is not None:
             response = _shifted(response, unknown["time_shift"] / self.record.dt)
         if self.gain is not None:
@@ -226,8 +225,6 @@ class Observation:
 
 def _shifted(response: Any, samples: Any) -> Any:
     """M(t − τ) by cubic (Catmull-Rom) interpolation; the ends are held."""
-    from structid.device import jnp
-
     last = response.shape[0] - 1
     position = jnp.arange(response.shape[0])[:, None] - samples[None, :]
     base = jnp.floor(position)

@@ -47,10 +47,10 @@ class Posterior(Target):
     refuse_unfit : bool
         Refuse a surrogate with an error past its limit.
     model_error : bool
-        Add a surrogate's own variance to that of the discrepancy: where it is unsure, it then says less. That of a `PODKriging` or
-        `PODPCE` of one channel is integrated out exactly where errors are independent; else its mean over time counts as white
-        noise. Not for a surrogate that is unsure of large parts of the prior: where its variance is as large as the response it
-        explains any measurement, and the posterior goes there.
+        Add a surrogate's own variance to that of the discrepancy. Where the surrogate is unsure, the data then count for less. For a
+        `PODKriging` or `PODPCE` of one channel and independent errors, the surrogate's error is integrated out exactly. Otherwise
+        its mean over time counts as white noise. Do not use this with a surrogate that is unsure over large parts of the prior:
+        where its variance is as large as the response, any measurement is explained, and the posterior moves there.
 
     Attributes
     ----------
@@ -377,7 +377,7 @@ class Posterior(Target):
         index : int
             Which observation.
         progress : callable, optional
-            Told how many runs are done.
+            Called with the number of finished runs and the total.
 
         Returns
         -------

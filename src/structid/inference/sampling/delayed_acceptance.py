@@ -176,7 +176,7 @@ class DelayedAcceptance(Sampler):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Told how many steps are done.
+            Called with the number of finished steps and the total.
 
         Returns
         -------

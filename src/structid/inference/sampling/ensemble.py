@@ -140,7 +140,7 @@ class AIES(Sampler):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Told how many steps are done.
+            Called with the number of finished steps and the total.
 
         Returns
         -------

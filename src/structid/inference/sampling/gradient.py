@@ -9,8 +9,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
+import jax
 import numpy as np
 
+from structid.device import jnp, over_runs
 from structid.errors import ConvergenceError, InputError
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
@@ -120,7 +122,7 @@ class NUTS(Sampler):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Told how many steps are done, those of the warm-up among them.
+            Called with the number of finished steps, those of the warm-up included, and the total.
 
         Returns
         -------
@@ -168,7 +170,7 @@ class NUTS(Sampler):
 
 
 class _Kernels:
-    """BlackJAX's warm-up and transition for one target, the chains spread over the devices."""
+    """BlackJAX's warm-up and transition for one target, the chains shared out over the devices."""
 
     def __init__(self, target: Target, settings: NUTS) -> None:
         self._function, self._data = target.traceable()
@@ -210,9 +212,6 @@ class _Kernels:
 
     def _density(self, data: Any) -> Callable[[Any], Any]:
         """The log density of one point; its gradient by forward mode, since parameters are few and histories long."""
-        import jax
-
-        from structid.device import jnp
 
         def plain(phi: Any) -> Any:
             return self._function(phi[None], data)[0]
@@ -232,9 +231,6 @@ class _Kernels:
     def _over_chains(self, name: Any, function: Callable[..., Any]) -> Callable[..., Any]:
         """Compile once; `function` takes one chain's key and arrays, and the data."""
         if name not in self._compiled:
-            import jax
-
-            from structid.device import jnp, over_runs
 
             def some_chains(which: Any, *arrays: Any) -> Any:
                 *own, data = arrays
@@ -246,7 +242,6 @@ class _Kernels:
 
     def _warm_up(self, phi: Any, key: Any, data: Any) -> tuple[Any, Any, Any]:
         import blackjax
-        import jax
 
         adaptation = blackjax.window_adaptation(
             blackjax.nuts,
@@ -260,7 +255,6 @@ class _Kernels:
 
     def _draws(self, length: int, phi: Any, step_size: Any, inverse_mass: Any, key: Any, data: Any) -> Any:
         import blackjax
-        import jax
 
         kernel = blackjax.nuts(self._density(data), step_size, inverse_mass, max_num_doublings=self._settings.deepest)
 

@@ -119,7 +119,7 @@ def differential_proposal(
     """Differential-evolution move.
 
     x* = x_i + γ (x_j − x_k) with two different walkers of the resting half and γ = 2.38/√(2d), in a tenth of the moves γ = 1
-    (which jumps between modes), each γ spread by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
+    (which jumps between modes), each γ varied by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
 
     Parameters
     ----------
@@ -246,10 +246,10 @@ class IndependenceLaw(NamedTuple):
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:
-    """How many walkers, the densest, each law of `LAYERS` is fitted to, and its share of the moves."""
+    """Number of walkers that each law of `LAYERS` is fitted to, those of highest density, and its share of the moves."""
     sizes: dict[int, float] = {}
     for densest, share in LAYERS:
-        # No covariance from fewer than four walkers for each of its dimensions; of few walkers, several layers are one.
+        # A covariance needs four walkers for each dimension or more. With few walkers several layers become one.
         size = min(walkers, max(round(densest * walkers), 4 * dimension))
         sizes[size] = sizes.get(size, 0.0) + share
     return sizes

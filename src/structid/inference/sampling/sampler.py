@@ -57,8 +57,8 @@ class Evidence:
         Returns
         -------
         Evidence
-            The mean of Z. Its error is the larger of what the populations differ by and what their own particles let expect,
-            and to it what they lack, with the error of that: it is no matter of chance, for all of them lack it alike.
+            The mean of Z. Its error is the larger of two: the scatter between populations, and what their own particles lead one to
+            expect. What all populations lack is added to it, with its own error. It does not average out, since all lack it alike.
         """
         count = len(each)
         value = float(logsumexp(each) - np.log(count))
@@ -215,7 +215,7 @@ class Sampler(ABC):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Told how far it is.
+            Called with how much is done, and the total.
 
         Returns
         -------

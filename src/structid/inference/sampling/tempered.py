@@ -144,7 +144,7 @@ class SMC(Sampler):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Told how far it is, in hundredths.
+            Called with how many hundredths are done, and a hundred.
 
         Returns
         -------

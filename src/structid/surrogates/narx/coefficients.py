@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.device import jnp
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.regression import Regression
@@ -48,8 +49,6 @@ class Coefficients:
         array, shape (run, coefficient)
             Of the kind `theta` is.
         """
-        from structid.device import jnp
-
         found = self.trend.predict(theta)
         if self.deviation is None or self.varying is None:
             return found

@@ -50,7 +50,7 @@ class KrigingNARX(NARXSettings):
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Told how far the fit is, in hundredths.
+            Called with how many hundredths of the fit are done, and a hundred.
         weights : ndarray, shape (run,), optional
             How much the error of each run counts in the joint training; the same for all when left out.
 

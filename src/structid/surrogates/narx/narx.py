@@ -47,7 +47,7 @@ class NARX(NARXSettings):
         channels : sequence of str
             Names of the channels.
         progress : callable, optional
-            Told how far the fit is, in hundredths.
+            Called with how many hundredths of the fit are done, and a hundred.
 
         Returns
         -------

@@ -73,7 +73,7 @@ class NARXFit:
     runs : Runs
         To what.
     progress : callable, optional
-        Told how far it is, in hundredths.
+        Called with how many hundredths are done, and a hundred.
     fewest : int
         Fewer finished runs are refused.
     weights : ndarray, shape (run,), optional

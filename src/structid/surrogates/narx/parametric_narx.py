@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy.ndimage
 
+from structid.device import jnp
 from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
@@ -193,8 +194,6 @@ class ParametricNARX(Surrogate):
         tuple of jax.Array
             Values (time, channel, run), NaN from where a run has diverged, and whether none has (run,).
         """
-        from structid.device import jnp
-
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         bound = PREDICTION_BOUND * self.largest

@@ -83,7 +83,7 @@ class PODKriging:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Told how far the fit is, in hundredths.
+            Called with how many hundredths of the fit are done, and a hundred.
         start : ResponseSpaceSurrogate, optional
             One fitted to some of these runs, whose correlation lengths the search starts from; see `Kriging.fit`.
 

@@ -72,7 +72,7 @@ class PODPCE:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Told how far the fit is, in hundredths.
+            Called with how many hundredths of the fit are done, and a hundred.
 
         Returns
         -------
