@@ -47,8 +47,8 @@ class Posterior(Target):
     refuse_unfit : bool
         Refuse a surrogate with an error past its limit.
     model_error : bool
-        Add a surrogate's own variance to that of the discrepancy. Where the surrogate is unsure, the data then count for less. For a
-        `PODKriging` or `PODPCE` of one channel and independent errors, the surrogate's error is integrated out exactly. Otherwise
+        Add a surrogate's own variance to that of the discrepancy. Where the surrogate is unsure, the data then count for less. For
+        a `PODKriging` or `PODPCE` of one channel and independent errors, the surrogate's error is integrated out exactly. Otherwise
         its mean over time counts as white noise. Do not use this with a surrogate that is unsure over large parts of the prior:
         where its variance is as large as the response, any measurement is explained, and the posterior moves there.
 
