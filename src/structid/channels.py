@@ -84,7 +84,7 @@ def declared_unit(channel: str, unit: str) -> ChannelUnit:
     channel : str
         Its name.
     unit : str
-        What tables and figures are to show, such as ``"mm"``.
+        What tables and figures are to show, such as ``"mm"``. A standard name keeps its own.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def declared_unit(channel: str, unit: str) -> ChannelUnit:
     known = standard_unit(channel)
     if known.si:
         to_si(f"1 {unit}", known.si, f"unit of the channel '{channel}'")
-        return ChannelUnit(known.si, unit)
+        return known
     return ChannelUnit(si_unit(unit), unit)
 
 

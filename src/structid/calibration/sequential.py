@@ -16,7 +16,7 @@ from structid.calibration.nearness import nearness
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
-from structid.errors import InputError
+from structid.errors import InputError, Status
 from structid.inference.assessment.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.likelihood.discrepancy import Discrepancy
@@ -250,8 +250,8 @@ class _Loop:
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
             self.last = batch
             runs = self._true_runs(runs)
-            certificate, ratios = self._judge(batch, under, runs, training, final)
-            self.rounds.append(_round(number, training, surrogate, batch, ratios, certificate))
+            certificate, ratios, collapsed = self._judge(batch, under, runs, training, final)
+            self.rounds.append(_round(number, training, surrogate, batch, ratios, collapsed, certificate))
             enough = certificate is not None and (certificate.certified or not self._affordable(len(self.points)))
             if enough:
                 return self._result(surrogate, under, certificate, runs)
@@ -284,6 +284,11 @@ class _Loop:
             values = some.values[:, : len(observation.record)]
             responses.append(np.where(some.done[:, None, None], values, np.nan))
         return responses
+
+    def _collapsed(self, runs: Runs, points: slice) -> np.ndarray:
+        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself."""
+        status = runs.status.reshape(len(self.points), len(self.records))[points]
+        return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
 
     # --- a round ------------------------------------------------------------------------------------------------
 
@@ -331,17 +336,19 @@ class _Loop:
 
     def _judge(
         self, batch: Batch, under: Posterior, runs: Runs, training: int, final: bool
-    ) -> tuple[Certificate | None, np.ndarray]:
-        """Weights of the fresh draws, and the certificate if it is time for one."""
+    ) -> tuple[Certificate | None, np.ndarray, np.ndarray]:
+        """The certificate if it is time for one, log weights of the fresh draws, and those at which the structure failed."""
         fresh = slice(training, training + len(batch.fresh))
         log_true = self.posterior.given(self._responses(runs, fresh)).log_density(batch.fresh)
         ratios = np.where(np.isfinite(log_true), log_true - batch.log_surrogate, -np.inf)
+        collapsed = self._collapsed(runs, fresh)
         if not final:
-            return None, ratios
+            return None, ratios, collapsed
         stored = self._stored(batch, under, runs)
         names, limits = self.posterior.names, self.plan.limits
         spent = len(self.points)
-        return certify(batch.fresh, log_true, batch.log_surrogate, stored, names, spent, limits), ratios
+        certificate = certify(batch.fresh, log_true, batch.log_surrogate, stored, names, spent, limits, collapsed)
+        return certificate, ratios, collapsed
 
     def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
         density, theta = self._best_densities(batch, runs)
@@ -402,11 +409,13 @@ def _round(
     surrogate: Surrogate,
     batch: Batch,
     ratios: np.ndarray,
+    collapsed: np.ndarray,
     certificate: Certificate | None,
 ) -> Round:
     weights = np.exp(ratios - ratios.max()) if np.isfinite(ratios).any() else np.ones(len(ratios))
-    failed = int((~np.isfinite(ratios)).sum())
-    spread = float(np.std(ratios)) if failed == 0 else float("inf")
+    ran = np.isfinite(ratios)
+    failed = int((~ran & ~collapsed).sum())
+    spread = float(np.std(ratios[ran])) if failed == 0 and ran.any() else float("inf")
     return Round(
         number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others),
         weighted_size(weights), spread, failed, certificate, ratios,

@@ -280,7 +280,7 @@ def kept_open(model: Model, executor: Any) -> contextlib.AbstractContextManager[
     context manager
         Gives what to pass on as an executor; for a built-in model, which needs none, what came.
     """
-    return opened(executor) if model.guarded else contextlib.nullcontext(executor)
+    return contextlib.nullcontext(executor) if model.batched else opened(executor)
 
 
 @contextlib.contextmanager
@@ -331,4 +331,4 @@ def run_map(model: Model, executor: Any) -> contextlib.AbstractContextManager[Ma
     context manager
         Gives a `map`, or None for a built-in model.
     """
-    return mapping(executor) if model.guarded else contextlib.nullcontext()
+    return contextlib.nullcontext() if model.batched else mapping(executor)

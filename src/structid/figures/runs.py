@@ -90,7 +90,7 @@ def _design(
     if second is None:
         theta, names, units = np.column_stack([theta, np.arange(len(theta))]), (*names, "run"), (*units, "")
         second = theta.shape[1] - 1
-    colours = {0: ACCENT, 1: MODEL, 2: "#1a1a1a", 3: "#bc8034", 4: MUTED}
+    colours = {0: ACCENT, 1: MODEL, 2: "#1a1a1a", 3: "#bc8034", 4: MUTED, 5: "#7b4fa3"}
     for code in np.unique(status):
         some = status == code
         axis.scatter(

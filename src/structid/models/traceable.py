@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Self, cast
 import jax
 import numpy as np
 
+from structid.channels import ChannelUnit
 from structid.device import over_runs
 from structid.errors import InputError, Status
 from structid.ground_motion.excitation import Excitation
@@ -253,7 +254,7 @@ class TraceableModel(Model):
         # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
         values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
         finite = _joined([p[1] for p in parts])
-        return _with_status(values, finite, excitation, self.channels)
+        return _with_status(values, finite, excitation, self.channel_units)
 
     @cached_property
     def _compiled_response(self) -> Callable[..., Any]:
@@ -294,7 +295,7 @@ def _joined(parts: list[np.ndarray]) -> np.ndarray:
 
 
 def _with_status(
-    values: np.ndarray, finite: np.ndarray, excitation: Excitation, channels: tuple[str, ...]
+    values: np.ndarray, finite: np.ndarray, excitation: Excitation, units: dict[str, ChannelUnit]
 ) -> Histories:
     """Mark the runs whose state left the finite range, and blank what comes after."""
     time = np.full(len(values), np.nan)
@@ -305,4 +306,4 @@ def _with_status(
         time[run] = min(first_bad, len(good) - 1) * excitation.dt
     status = np.where(finite, Status.DONE, Status.DIVERGED)
     reasons = tuple("" if good else f"not finite from {t:g} s on" for good, t in zip(finite, time, strict=True))
-    return Histories(values, excitation.dt, channels, status, time, excitation.name, reasons)
+    return Histories(values, excitation.dt, tuple(units), status, time, excitation.name, reasons, units)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -105,6 +106,11 @@ class PosteriorMaterial(RunsMaterial):
     def summary(self) -> Summary:
         """Moments and quantiles, re-weighted where the certificate asks for it."""
         return self.result.summary() if self.calibration is None else self.calibration.summary()
+
+    @cached_property
+    def shared(self) -> dict[str, Any]:
+        """What a section simulates once for its tables and its figures, by a name of its own."""
+        return {}
 
     @cached_property
     def information(self) -> Identifiability | None:

@@ -25,7 +25,7 @@ from structid.journal import digest
 from structid.reasons import with_words
 from structid.solvers.external import ExternalModel
 from structid.solvers.keeper import ended_by
-from structid.solvers.protocol import STANDARD_OUTPUT, SolverError, Task
+from structid.solvers.protocol import STANDARD_OUTPUT, SolverError, StructureFailedError, Task
 from structid.solvers.watchdog import LAST_WORDS
 from structid.units import factor
 
@@ -94,6 +94,9 @@ class ProgramModel(ExternalModel):
         Seconds a run may take.
     version : str
         See `ExternalModel`; of a program that does not lie in `folder`, whose content is not seen.
+    structure_failed_exit_code : int, optional
+        Exit code with which the program says that the structure failed; see `StructureFailedError`. Any other one but 0 is a
+        failed run.
     """
 
     scratch: Path
@@ -113,8 +116,12 @@ class ProgramModel(ExternalModel):
         environment: Mapping[str, str] | None = None,
         time_limit: float | None = None,
         version: str = "",
+        structure_failed_exit_code: int | None = None,
     ) -> None:
         super().__init__(free, tuple(output.columns), time_limit, version=version, units=output.units)
+        if structure_failed_exit_code == 0:
+            raise InputError("ProgramModel.structure_failed_exit_code", "0", "the exit code of no finished run")
+        self.structure_failed_exit_code = structure_failed_exit_code
         if keep not in ("failed", "all", "none"):
             raise InputError("ProgramModel.keep", f"'{keep}'", "'failed', 'all' or 'none'")
         self.folder = Path(folder).resolve()
@@ -184,7 +191,7 @@ class ProgramModel(ExternalModel):
         output = [self.output.file, dict(self.output.columns), dict(self.output.units), self.output.time]
         return digest(
             "program", self.command, self.templates, self.constants, self.environment, self.free, output, self.record_file,
-            contents, self.version,
+            contents, self.version, *([self.structure_failed_exit_code] if self.structure_failed_exit_code else []),
         )  # fmt: skip
 
     def solve(self, task: Task, excitation: Excitation) -> np.ndarray:
@@ -255,6 +262,9 @@ class ProgramModel(ExternalModel):
             raise SolverError(f"'{command[0]}' could not be started: {problem.strerror}") from None
         if ended.returncode != 0:
             words = said.read_bytes()[-LAST_WORDS:].decode(errors="replace").strip()
+            if ended.returncode == self.structure_failed_exit_code:
+                reason = with_words("the structure failed", words)
+                raise StructureFailedError(reason, self._what_there_is(scratch, excitation))
             raise SolverError(with_words(ended_by(ended.returncode), words), self._what_there_is(scratch, excitation))
         return read_output(scratch, self.output, excitation)
 

@@ -42,6 +42,8 @@ class UMBridgeModel(ExternalModel):
         Seconds a run may take.
     version : str
         See `ExternalModel`; of what the server does.
+    units : mapping of str to str, optional
+        See `ExternalModel`.
     """
 
     def __init__(
@@ -54,8 +56,9 @@ class UMBridgeModel(ExternalModel):
         send_record: bool = False,
         time_limit: float | None = None,
         version: str = "",
+        units: Mapping[str, str] | None = None,
     ) -> None:
-        super().__init__(free, channels, time_limit, version=version)
+        super().__init__(free, channels, time_limit, version=version, units=units)
         self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
 
     def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
@@ -288,7 +291,9 @@ class ServedModel(Served):
     def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
         """One channel's history as a function of the parameters, inside JAX."""
         model = as_traceable(self.model, f"derivatives of {self.name}")
-        excitation = model.traced(self._driven_by(config))
+        record = self._driven_by(config)
+        model.check_excitation(record)
+        excitation = model.traced(record)
         return lambda theta: model.response(theta[None], excitation)[0][:, number, 0]
 
     def _driven_by(self, config: Mapping[str, Any]) -> Excitation:

@@ -134,7 +134,7 @@ def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
         began = time.perf_counter()
         found = study.model.simulate(theta, study.record)
         seconds.append((time.perf_counter() - began) / batch)
-        if not found.done.any():
+        if all(Status(status).run_failed for status in found.status):
             raise InputError(
                 "model", f"its trial run {Status(found.status[0]).words}: {found.reasons[0]}",
                 "a model that runs at a draw from the priors", "Correct the model, its files or the priors.",

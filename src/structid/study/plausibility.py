@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.channels import standard_unit
+from structid.errors import Status
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import factor
@@ -33,16 +33,26 @@ def plausibility(study: BuiltStudy) -> list[str]:
     told = []
     for observation in study.posterior.observations:
         run = study.model.simulate(study.model.parameters(medians), observation.record)
+        if run.status[0] == Status.STRUCTURE_FAILED:
+            told.append(f"At the priors' medians the structure fails on {observation.record.name}: {run.reasons[0]}")
+            continue
         if not run.done[0]:
             told.append(f"At the priors' medians the model fails on {observation.record.name}: {run.reasons[0]}")
             continue
         for i, channel in enumerate(observation.channels):
-            told.append(_compared(channel, run.channel(channel)[0], observation.values[:, i], observation.record.dt))
+            told.append(
+                _compared(
+                    channel,
+                    run.units[channel].display,
+                    run.channel(channel)[0],
+                    observation.values[:, i],
+                    observation.record.dt,
+                )
+            )
     return told
 
 
-def _compared(channel: str, modelled: np.ndarray, measured: np.ndarray, dt: float) -> str:
-    unit = standard_unit(channel).display
+def _compared(channel: str, unit: str, modelled: np.ndarray, measured: np.ndarray, dt: float) -> str:
     peaks = [float(np.abs(values).max()) for values in (modelled, measured)]
     shown = [
         f"{peak / factor(unit):.3g} {unit} (mainly at {_main_frequency(values, dt):.2g} Hz)"

@@ -408,7 +408,7 @@ class Surrogate(TraceableModel, StandIn):
 
     def __str__(self) -> str:
         fit = self.fitted
-        failed = f", {fit.left_out} failed ones left out" if fit.left_out else ""
+        failed = f", {fit.left_out} others left out" if fit.left_out else ""
         lines = [
             f"{fit.kind} of {', '.join(self.channels)} over {', '.join(self.free) or 'no parameter'}",
             f"  fitted to {fit.runs} runs{failed} in {fit.seconds:.1f} s; mean error estimated while fitting {fit.error:.1e}",

@@ -145,7 +145,7 @@ class Validation:
         if len(self.channels) > 1:
             lines += [f"{c}: mean {e['mean']:.2e}, worst {e['worst']:.2e}" for c, e in self.per_channel.items()]
         if self.outside or self.left_out:
-            lines.append(f"{self.outside} runs outside the fitted range, {self.left_out} failed runs left out")
+            lines.append(f"{self.outside} runs outside the fitted range, {self.left_out} others left out")
         return "\n".join(lines)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:

@@ -195,6 +195,7 @@ def certify(
     names: tuple[str, ...],
     true_runs: int,
     limits: Limits | None = None,
+    impossible: np.ndarray | None = None,
 ) -> Certificate:
     """Judge a surrogate's posterior by true runs at fresh draws of it.
 
@@ -212,6 +213,8 @@ def certify(
         True runs spent in all.
     limits : Limits, optional
         What to ask for.
+    impossible : ndarray of bool, shape (draw,), optional
+        Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
 
     Returns
     -------
@@ -229,10 +232,10 @@ def certify(
         raise InputError("certify", f"{count} fresh draws", f"{FEWEST_DRAWS} or more, best 200")
     ran = np.isfinite(log_true)
     ratios = np.where(ran, log_true - log_surrogate, -np.inf)
-    failed = int((~ran).sum())
+    failed = int((~ran if impossible is None else ~ran & ~impossible).sum())
     weights, k_hat = smoothed_weights(ratios)
     size = 1.0 / float(np.sum(weights**2))
-    spread = float(np.std(ratios)) if failed == 0 else float("inf")
+    spread = float(np.std(ratios[ran])) if failed == 0 and ran.any() else float("inf")
     shift, error = _shift(draws, weights)
     excess, within = _excess(stored, ratios, limits.reach)
     hidden = _understated(stored, ratios, limits)

@@ -123,7 +123,7 @@ def predict(
     noise_shape = (len(response), response.shape[1], measured.stop)
     observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
     wanted = [every.index(c) for c in channels]
-    units = run.units | {c: observation.channel_unit(c) for c in observation.channels}
+    units = run.units | {c: observation.channel_unit(c) for c in observation.channels if c in observation.units}
     return Prediction(
         run.time,
         channels,

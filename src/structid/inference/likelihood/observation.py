@@ -40,10 +40,10 @@ class Observation:
         Its time step [s], to be checked against the record's.
     name : str
         What to call it.
-    units : mapping of str to str, optional
-        What tables and figures show a channel in whose name is not a standard one.
     gain, offset, time_shift : Marginal, optional
         Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
+    units : mapping of str to str, optional
+        What tables and figures show a channel in whose name is not a standard one.
 
     Raises
     ------
@@ -56,10 +56,10 @@ class Observation:
     channels: tuple[str, ...] = ("velocity",)
     dt: float | None = None
     name: str = ""
-    units: Mapping[str, str] = field(default_factory=dict)
     gain: Marginal | None = None
     offset: Marginal | None = None
     time_shift: Marginal | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f"observation '{self.name}'" if self.name else "observation"
@@ -142,7 +142,7 @@ class Observation:
         """
         values, step = read_columns(path, unit, dt, column, standard_unit(channel).si or None, from_zero=True)
         units = {} if standard_unit(channel).si else {channel: unit}
-        return cls(record, values, (channel,), step, str(path), units, **nuisances)
+        return cls(record, values, (channel,), step, str(path), units=units, **nuisances)
 
     def channel_unit(self, channel: str) -> ChannelUnit:
         """Units of a channel: as declared, or as its standard name has them.

@@ -42,7 +42,7 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
     fit = surrogate.fitted
     rows = [
         ["kind", fit.kind],
-        ["fitted to", f"{fit.runs} runs, {fit.left_out} failed ones left out, in {fit.seconds:.1f} s"],
+        ["fitted to", f"{fit.runs} runs, {fit.left_out} others left out, in {fit.seconds:.1f} s"],
         ["mean error estimated while fitting", f"{fit.error:.2g}"],
     ]
     judged = "estimated while fitting"

@@ -49,10 +49,13 @@ class _OtherRecord:
         return found
 
 
-@functools.lru_cache(maxsize=1)
 def _others(material: PosteriorMaterial) -> list[_OtherRecord]:
     """One for each record; tables and figures share what they simulate."""
-    return [_OtherRecord(material, record) for record in material.other_records]
+    key = "other records"
+    if key not in material.shared:
+        material.shared[key] = [_OtherRecord(material, record) for record in material.other_records]
+    found: list[_OtherRecord] = material.shared[key]
+    return found
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:

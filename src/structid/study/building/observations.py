@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from structid.study.building.models import true_model
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
-from structid.units import to_si
+from structid.units import si_unit, to_si
 
 
 def build_observation(
@@ -50,7 +51,7 @@ def build_observation(
     if (section.file is None) == (section.virtual is None):
         came = "neither file nor virtual" if section.file is None else "both file and virtual"
         raise InputError(f"key '{where}'", came, "exactly one of the two")
-    unit = standard_unit(section.channels[0]).si
+    unit = _si_unit(section, f"key '{where}.unit'")
     nuisances: dict[str, Any] = {
         name: prior_of(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
         for name in ("gain", "offset", "time_shift")
@@ -71,8 +72,7 @@ def build_observation(
         raise InputError(
             f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
         )
-    if unit:
-        to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
+    to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
     path = folder / section.file
     return Observation.read(
         record, path, section.unit, section.channels[0], section.column, section.dt, **nuisances
@@ -95,21 +95,32 @@ def _virtual_experiment(
             "key 'observation.virtual'", f"the true model diverges at {run.failure_time[0]:g} s", "a stable model"
         )
     values = run.values[0]
-    own = (seed, index) if section.seed is None else (section.seed, 0)
-    rng = stream(own[0], Purpose.VIRTUAL_NOISE, own[1])
+    own = seed + index if section.seed is None else section.seed
+    rng = stream(own, Purpose.VIRTUAL_NOISE)
     rms = np.sqrt((values**2).mean(axis=0))
     return truth, values + section.noise * rms * rng.standard_normal(values.shape)
 
 
-def build_discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy:
+def _si_unit(section: ObservationSection, where: str) -> str:
+    """SI unit of what was measured: by its name, or by the unit that the file declares."""
+    known = standard_unit(section.channels[0]).si
+    if known or section.unit is None:
+        return known
+    try:
+        return si_unit(section.unit)
+    except InputError as error:
+        raise InputError(f"{where}: {error.where}", error.came, error.allowed, error.cure) from None
+
+
+def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepancy:
     """Build the law of the difference between model and measurement.
 
     Parameters
     ----------
     file : StudyFile
         What the file says.
-    channels : tuple of str
-        Every measured channel.
+    si_units : mapping of str to str
+        SI unit of every measured channel, empty where it is not known.
 
     Returns
     -------
@@ -127,7 +138,7 @@ def build_discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy
     for key in given:
         if key not in kind.keys:
             raise InputError(f"key 'discrepancy.{key}'", f"a key that {kind.word} does not know", ", ".join(kind.keys))
-    units = {standard_unit(c).si for c in channels}
+    units = set(si_units.values())
     for key, measures in kind.quantities.items():
         if measures == SQUARED and getattr(section, key) is not None and len(units) > 1:
             raise InputError(
@@ -135,7 +146,8 @@ def build_discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy
                 f"one variance for channels in {', '.join(sorted(units))}",
                 "nothing, so that each channel has its own unknown variance",
             )
-    squared = f"({units.pop()})^2"
+    unit = units.pop()
+    squared = f"({unit})^2" if unit else ""
     values = {
         key: known_or_prior(getattr(section, key), key, squared if measures == SQUARED else measures)
         for key, measures in kind.quantities.items()

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from structid.channels import standard_unit
 from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
@@ -64,7 +65,7 @@ def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
     parts: list[Callable[[], object]] = [
         *(partial(load_record, section, folder, where) for where, section in records.items()),
         *(partial(parameter_prior, file, name) for name in file.parameters),
-        *([partial(build_discrepancy, file, channels)] if channels else []),
+        *([partial(build_discrepancy, file, {c: standard_unit(c).si for c in channels})] if channels else []),
         partial(build_sampler, file.sampler),
         partial(build_plan, file.calibration),
     ]
@@ -95,7 +96,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         truths.append(truth)
     posterior = None
     if observations:
-        measured = tuple(dict.fromkeys(c for o in observations for c in o.channels))
+        measured = {c: unit for o in observations for c, unit in zip(o.channels, o.si_units, strict=True)}
         law = build_discrepancy(file, measured)
         posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))

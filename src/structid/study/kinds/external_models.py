@@ -63,7 +63,7 @@ def _python(asked: ModelRequest) -> CallableModel:
             suggestion(name, known),
         )  # fmt: skip
     function = FunctionInFile(path, name)
-    return CallableModel(function, *_names(asked), **_limits(asked))
+    return CallableModel(function, *_names(asked), units=asked.given["units"], **_limits(asked))
 
 
 def _program(asked: ModelRequest) -> ProgramModel:
@@ -83,6 +83,7 @@ def _program(asked: ModelRequest) -> ProgramModel:
         asked.folder,
         keep=given["keep"],
         environment=given["environment"],
+        structure_failed_exit_code=given.get("structure_failed_exit_code"),
         **_limits(asked),
     )
 
@@ -95,12 +96,19 @@ def _served(asked: ModelRequest) -> UMBridgeModel:
         name=given["model"],
         config=given["config"],
         send_record=given["send_record"],
+        units=given["units"],
         **_limits(asked),
     )
 
 
+_UNITS: dict[str, tuple[Any, Any]] = {"units": (dict[str, str], {})}
+"""Of channels whose names are not standard; a program says them with its output."""
+
 PYTHON = ModelKind(
-    "python", {**_EVERY, "source": (str, ...), "function": (str, "respond")}, _python, parameter_unit=parameter_unit
+    "python",
+    {**_EVERY, **_UNITS, "source": (str, ...), "function": (str, "respond")},
+    _python,
+    parameter_unit=parameter_unit,
 )
 PROGRAM = ModelKind(
     "program",
@@ -115,6 +123,7 @@ PROGRAM = ModelKind(
         "copies": (tuple[str, ...], ()),
         "keep": (Literal["failed", "all", "none"], "failed"),
         "environment": (dict[str, str], {}),
+        "structure_failed_exit_code": (int, None),
     },
     _program,
     parameter_unit=parameter_unit,
@@ -123,6 +132,7 @@ UMBRIDGE = ModelKind(
     "umbridge",
     {
         **_EVERY,
+        **_UNITS,
         "url": (str, ...),
         "model": (str, "forward"),
         "config": (dict[str, Any], {}),
