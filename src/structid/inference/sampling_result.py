@@ -212,8 +212,8 @@ class SamplingResult:
     def robust_sd(self) -> np.ndarray | None:
         """Sandwich standard deviations of the means in SI, shape (parameter,): how the means would vary over measurements.
 
-        They hold even where the model or the law of the discrepancy is wrong, but are only accurate to a fifth themselves. None without
-        a measurement, and for an external solver, since they would take a thousand runs (`robust_covariance` does them).
+        They hold even where the model or the law of the discrepancy is wrong, but are only accurate to a fifth themselves. None
+        without a measurement, and for an external solver, since they take a thousand runs (`robust_covariance` does them).
         """
         if not isinstance(self.target, Posterior) or self.target.costs_runs:
             return None
