@@ -119,7 +119,7 @@ def build_discrepancy(file: StudyFile, channels: tuple[str, ...]) -> Discrepancy
     Raises
     ------
     InputError
-        If a key means nothing for the law, or a value is none it takes.
+        If the law does not know a key, or does not take a value.
     """
     section = file.discrepancy
     kind = law_by_word()[section.kind]
