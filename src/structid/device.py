@@ -87,7 +87,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
     Returns
     -------
     callable
-        The same function to NumPy arrays, for any number of runs: it pads by repeating the last run.
+        The same function, returning NumPy arrays, for any number of runs. It pads by repeating the last run.
     """
 
     def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:

@@ -43,7 +43,7 @@ class StoreError(StructidError):
 
 
 class CampaignStoppedError(StructidError):
-    """A campaign could not go on, for a reason that is no run's own; what is finished is stored."""
+    """A campaign could not go on, for a reason that is not the fault of a single run. What is finished is stored."""
 
 
 class ConvergenceError(StructidError):
@@ -51,15 +51,15 @@ class ConvergenceError(StructidError):
 
 
 class StructidWarning(UserWarning):
-    """Something goes on that the caller should know of; it can be silenced or made an error like any warning."""
+    """Something that the caller should know about. Like any warning, it can be silenced or turned into an error."""
 
 
 class Status(IntEnum):
     """What became of one run of a model.
 
-    A run that failed (diverged, failed, timed out) says nothing of the structure. It is left out of fits, and may be tried again. A
-    run in which the structure failed (it collapsed, or passed a limit) is data. Its end came before the record's, and it would end
-    the same way again.
+    A run that failed (diverged, failed, timed out) says nothing about the structure. It is left out of fits, and may be tried
+    again. A run in which the structure failed (it collapsed, or passed a limit) is data. Its end came before the record's, and it
+    would end the same way again.
     """
 
     DONE = 0
@@ -71,12 +71,12 @@ class Status(IntEnum):
 
     @property
     def words(self) -> str:
-        """As a reader calls it: ``"timed out"``."""
+        """In words, such as ``"timed out"``."""
         return self.name.lower().replace("_", " ")
 
     @property
     def run_failed(self) -> bool:
-        """Whether the run says nothing, and might end otherwise if it were tried again."""
+        """Whether the run says nothing about the structure, and might end differently if it were tried again."""
         return self in (Status.DIVERGED, Status.FAILED, Status.TIMED_OUT)
 
 

@@ -11,13 +11,13 @@ from structid.inference.sampling.sampler import Block
 from structid.surrogates.face import Surrogate
 
 FRESH_SHARE = 0.4
-"""Share of a batch that are plain draws of the posterior: they tell how good it is before they make it better."""
+"""Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
 
 WIDENED_SHARE = 0.4
 """Share of a batch that are widened draws, chosen where the surrogate is least sure; the rest are tempered draws."""
 
 TEMPERATURES = (0.3, 0.1)
-"""Exponents of the likelihood of tempered draws: about two and three times as wide as the posterior."""
+"""Exponents of the likelihood for tempered draws, which are about two and three times as wide as the posterior."""
 
 CANDIDATES = 200
 """Draws among which the surrogate's own standard deviation is compared."""
@@ -93,7 +93,7 @@ def next_batch(
     count: int,
     rng: np.random.Generator,
 ) -> Batch:
-    """Choose a batch that makes the surrogate better where its posterior is.
+    """Choose a batch that improves the surrogate where its posterior is.
 
     Parameters
     ----------
@@ -113,9 +113,10 @@ def next_batch(
     Returns
     -------
     Batch
-        `FRESH_SHARE` plain draws; `WIDENED_SHARE` of a wider law than the posterior, for a surrogate is worst at the edge of its
-        runs: first those that bring the posterior inside the range of the runs, then those where the surrogate's deviation times
-        the distance to known points is largest; the rest from tempered posteriors, as far as possible from what is known.
+        `FRESH_SHARE` are plain draws. `WIDENED_SHARE` are draws of a law wider than the posterior, since a surrogate is worst at
+        the edge of its runs: first those that bring the posterior inside the range of the runs, then those where the surrogate's
+        standard deviation times the distance to known points is largest. The rest come from tempered posteriors, as far as
+        possible from known points.
     """
     fresh, widened = round(FRESH_SHARE * count), round(WIDENED_SHARE * count)
     plain = fresh_draws(posterior, blocks[-1], fresh, rng)
@@ -136,7 +137,8 @@ def next_batch(
 def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
 
-    A surrogate responds there as at the edge and thinks itself as sure as there, so that its deviation does not tell.
+    Out there a surrogate responds as at the edge and is as sure of itself as at the edge, so its standard deviation gives no
+    warning.
 
     Parameters
     ----------
@@ -234,7 +236,7 @@ def _scores(posterior: Posterior, theta: np.ndarray) -> np.ndarray:
 
 
 def far_apart(candidates: np.ndarray, known: np.ndarray, count: int, weights: np.ndarray | None = None) -> np.ndarray:
-    """Choose points one by one, each the one whose weighted distance to all known and chosen ones is largest.
+    """Choose points one by one, each time the one with the largest weighted distance to all known and chosen points.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
 PROMISING = 1 / 3
-"""Share of the spread that a certificate allows with which a round's own draws promise one."""
+"""A round's own draws promise a certificate if their scatter is below this share of what a certificate allows."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +29,7 @@ class Round:
     training : int
         Points the surrogate was fitted to.
     error : float
-        Mean relative error of the surrogate, as it estimates itself.
+        Mean relative error of the surrogate, by its own estimate.
     fresh : int
         Fresh draws of its posterior at which the true model was run.
     others : int
@@ -41,7 +41,7 @@ class Round:
     failed : int
         Fresh draws whose true run failed.
     certificate : Certificate or None
-        Where the round ended with one.
+        The certificate, if the round ended with one.
     log_weights : ndarray, shape (draw,)
         log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
     """
@@ -63,7 +63,7 @@ class Round:
         Parameters
         ----------
         limits : Limits
-            What it will ask for.
+            The limits it will have to meet.
 
         Returns
         -------
@@ -121,7 +121,7 @@ class CalibrationResult:
 
     @property
     def enough_to_go_on(self) -> int:
-        """Fewest true runs with which a calibration that was refused goes on: a round with a certificate more."""
+        """Smallest budget of true runs with which a refused calibration continues: enough for one more round with a certificate."""
         last = self.rounds[-1]
         return self.certificate.true_runs + last.fresh + last.others
 
@@ -132,7 +132,7 @@ class CalibrationResult:
 
     @property
     def trusted(self) -> bool:
-        """Whether the surrogate's error may be forgotten: it is certified, or had no say."""
+        """Whether the surrogate's error may be neglected: it is certified, or has no effect on the draws."""
         return self.exact or self.certificate.certified
 
     @property

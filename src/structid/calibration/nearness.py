@@ -1,4 +1,4 @@
-"""How much each true run counts when a surrogate is fitted that is to be right where the posterior is."""
+"""How much each true run counts when fitting a surrogate that must be right where the posterior is."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ EFFECTIVE_SHARE = 0.5
 """Share of the runs that count in effect; see `weighted_size`."""
 
 LEAST = 1e-2
-"""Weight of a run far from the posterior: enough that a surrogate does not go astray there, and finds no mode that is none."""
+"""Weight of a run far from the posterior: enough that a surrogate does not go astray there and create a false mode."""
 
 
 def nearness(log_density: np.ndarray) -> np.ndarray:
     """Weigh runs by a tempered posterior, w = max(π^τ, `LEAST`), with the exponent τ for which half of the runs count.
 
-    A NARX of few terms cannot be exact over the whole prior. One that errs where no probability is, and not where it is, is better
-    than one that errs alike everywhere.
+    A NARX of few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than one
+    that errs equally everywhere.
 
     Parameters
     ----------

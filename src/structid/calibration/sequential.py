@@ -34,7 +34,7 @@ from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
 SCHEMA = 4
-"""Version of the rounds on disk, and of the random streams that lead on from them."""
+"""Version of the rounds on disk, and of the random streams that continue from them."""
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
@@ -50,17 +50,18 @@ class Plan:
     Parameters
     ----------
     true_runs : int
-        Most parameter points at which the true model is run, those of the certificate included. Each is run on every record.
+        Largest number of parameter points at which the true model is run, including those of the certificate. Each is run on
+        every record.
     start : int
         Points of the first design.
     batch : int
         Points added in each round.
     certificate : int
-        Fresh draws that a certificate is made of; a fifth more are tempered.
+        Fresh draws for a certificate; a fifth as many tempered ones are added.
     widen : float
         How much further than the prior the first design reaches, in normal scores.
     limits : Limits
-        What the certificate asks for.
+        What the certificate must meet.
     explorer : SMC
         Explores the surrogate's posterior in each round.
     """
@@ -100,16 +101,16 @@ class Plan:
 
     @property
     def rounds(self) -> int:
-        """Most rounds between the first design and the last certificate."""
+        """Largest number of rounds between the first design and the last certificate."""
         return (self.true_runs - self.start - self.needed) // self.batch
 
     def describe(self) -> dict[str, Any]:
-        """What decides the points: all but how many there may be.
+        """Settings that decide the points: all except how many there may be.
 
         Returns
         -------
         dict
-            For hashes; with more true runs a calibration goes on.
+            For hashes; a calibration with more true runs continues the same one.
         """
         return {
             "start": self.start, "batch": self.batch, "certificate": self.certificate, "widen": self.widen,
@@ -132,13 +133,13 @@ def calibrate(
     executor: Any = None,
     progress: Tell | None = None,
 ) -> CalibrationResult:
-    """Calibrate a model by a surrogate that is made better where the posterior is, until true runs certify it.
+    """Calibrate a model with a surrogate that is improved where the posterior is, until true runs certify it.
 
-    A first design is run, a surrogate fitted, its posterior explored from the prior by degrees, and the model run at draws of it,
-    where the surrogate is least sure, and at tempered draws. All of them train the next surrogate; a NARX, which goes through none
-    of its runs exactly, is fitted to those near the posterior more than to others. When the weights of the plain draws are nearly
-    equal, the next round spends `Plan.certificate` fresh draws and a fifth more tempered ones on a `Certificate`. If that fails,
-    they too train the next surrogate.
+    A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempered
+    stages. The model is then run at draws of this posterior, at points where the surrogate is least sure, and at tempered draws.
+    All these runs train the next surrogate. A NARX, which reproduces none of its runs exactly, gives more weight to those near
+    the posterior. When the importance weights of the plain draws are nearly equal, the next round spends `Plan.certificate` fresh
+    draws, and a fifth as many tempered ones, on a `Certificate`. If that fails, they too train the next surrogate.
 
     Parameters
     ----------
@@ -153,16 +154,16 @@ def calibrate(
     discrepancy : Discrepancy, optional
         The law of the difference between model and measurement.
     true_runs : int
-        Budget of true runs, those of the certificate included; with several records each point counts once.
+        Budget of true runs, including those of the certificate. With several records, each point counts once.
     plan : Plan, optional
-        Everything else about how they are spent; its own budget counts then.
+        Everything else about how they are spent. If given, its own budget replaces `true_runs`.
     sampler : Sampler, optional
-        Draws from the surrogate's posterior in the end; `SMC` when left out. `DelayedAcceptance` draws from the model's own, at
-        the price of further true runs.
+        Draws from the surrogate's posterior at the end; `SMC` when left out. `DelayedAcceptance` draws from the model's own
+        posterior, at the cost of further true runs.
     seed : int
         Seed.
     store : path-like, optional
-        A folder for true runs, rounds and draws. A killed calibration goes on from it, one with a larger budget too.
+        A folder for true runs, rounds and draws. A killed calibration continues from it, and so does one with a larger budget.
     executor : optional
         Where an external model's runs are done; see `Campaign.run`.
     progress : callable, optional
@@ -305,7 +306,7 @@ class _Loop:
         return surrogate
 
     def _fit(self, runs: Runs, told: Progress) -> Surrogate:
-        """Fit to all runs: from the surrogate of the round before, and weighed by how near they are to the posterior, if it can."""
+        """Fit to all runs. If the kind can, start from the last round's surrogate and weight runs by nearness to the posterior."""
         further: dict[str, Any] = {}
         if self.settings.warm_start and self.surrogate is not None:
             further["start"] = self.surrogate
@@ -355,7 +356,7 @@ class _Loop:
         return StoredRuns(density, under.log_density(theta))
 
     def _best_densities(self, batch: Batch, runs: Runs) -> tuple[np.ndarray, np.ndarray]:
-        """Densities at all true runs, each with those discrepancy parameters among some draws that suit it best."""
+        """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws."""
         dimension = self.space.dimension
         given = self.posterior.given(self._responses(runs, slice(None)))
         best = np.full(len(self.points), -np.inf)

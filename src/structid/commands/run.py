@@ -13,7 +13,7 @@ from structid.commands.screen import FAILED, errors, finish, screen, stage
 def run(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     out: Annotated[Path, typer.Option(help="Folder for everything it makes.")],
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with what is in that folder.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue with what is in that folder.")] = False,
     executor: Annotated[
         str,
         typer.Option(
@@ -21,11 +21,11 @@ def run(
         ),
     ] = "serial",
     retry: Annotated[
-        bool, typer.Option("--retry", help="Do again what failed, timed out or diverged; implies --resume.")
+        bool, typer.Option("--retry", help="Repeat what failed, timed out or diverged; implies --resume.")
     ] = False,
     adopt: Annotated[
         bool,
-        typer.Option("--adopt", help="Keep the true runs although the solver has changed since; implies --resume."),
+        typer.Option("--adopt", help="Keep the true runs even if the solver has changed since; implies --resume."),
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
@@ -44,7 +44,7 @@ def run_on_screen(
     out : Path
         Folder for everything it makes.
     resume : bool
-        Go on with what is in that folder.
+        Continue with what is in that folder.
     executor : str
         Where an external solver's runs are done.
     retry, adopt : bool

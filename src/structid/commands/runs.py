@@ -19,7 +19,7 @@ def runs(
     folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled, or a file of runs.")],
     failed: Annotated[bool, typer.Option("--failed", help="Show every run that failed, with its parameters.")] = False,
     whole: Annotated[
-        bool, typer.Option("--whole", help="With all the solver last said, not its last line alone.")
+        bool, typer.Option("--whole", help="Show all that the solver last said, not only its last line.")
     ] = False,
 ) -> None:
     """Say how the true runs of a study stand: counts, failures by reason, rates."""

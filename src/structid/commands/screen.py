@@ -39,7 +39,7 @@ def stage(name: str) -> Iterator[Any]:
     Yields
     ------
     callable
-        Takes how much is done, and the total.
+        Takes the amount done and the total.
     """
     from rich.progress import (
         BarColumn,

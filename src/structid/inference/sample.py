@@ -36,14 +36,14 @@ def sample(
     seed : int
         Seed; the same one gives the same draws.
     store : path-like, optional
-        HDF5 file for the draws. A killed run continues from it to the same bits; a finished one is read; with more steps it is
-        continued. A store of another target, sampler or seed is refused.
+        HDF5 file for the draws. A killed run continues from it, to the same bits. A finished run is read back, and extended if
+        more steps are asked for. A store of another target, sampler or seed is refused.
     start : array-like, shape (point, parameter), optional
-        For AIES, NUTS and delayed acceptance: points in SI, inside the support, among which the walkers start; drawn from the
-        target's prior, or tempered posterior, when left out.
-        Spread them wider than the posterior, or R-hat has nothing to find.
+        For AIES, NUTS and delayed acceptance: points in SI, inside the support, from which the starting points are chosen. When
+        left out, they are drawn from the target's prior or from a tempered posterior. Scatter them more widely than the
+        posterior, or R-hat has nothing to find.
     progress : callable, optional
-        Called with how much is done, and the total.
+        Called with the amount done and the total.
 
     Returns
     -------

@@ -44,23 +44,23 @@ STORED_DRAWS = 300
 SURROGATE_NATS = 2.0
 """Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
 UNEXPLAINED_LIMIT = 0.25
-"""Fraction of the measurement's variance left unexplained from which the reader is warned."""
+"""The reader is warned if at least this fraction of the measurement's variance is left unexplained."""
 
 
 @dataclass(frozen=True, eq=False)
 class SamplingResult:
-    """Draws of a target and what can be said of them.
+    """Draws of a target and what can be said about them.
 
     Parameters
     ----------
     target : Target
         What was sampled.
     sampler : Sampler
-        With what settings.
+        The sampler with its settings.
     seed : int
         Seed.
     history : ndarray, shape (step, ensemble, walker, parameter)
-        Every draw in SI, the dropped start included.
+        Every draw in SI, including the discarded start.
     log_density : ndarray, shape (step, ensemble, walker)
         Log density with respect to the parameters.
     coordinate_log_density : ndarray, shape (step, ensemble, walker)
@@ -72,13 +72,13 @@ class SamplingResult:
     seconds : float
         Time spent sampling.
     log_evidence : Evidence, optional
-        log Z and its error, of samplers that know it.
+        log Z and its error, for samplers that estimate it.
     cost : Cost, optional
-        True runs and those of the surrogate, of delayed acceptance.
+        Runs of the model and of the surrogate, for delayed acceptance.
     divergent : int
-        Trajectories that lost their energy, of NUTS.
+        Trajectories that did not conserve energy, for NUTS.
     certified : bool or None
-        Whether runs of the model itself have shown that the posterior of its surrogate is its own. None where nobody has asked.
+        Whether runs of the model itself have shown that its surrogate gives the model's own posterior. None if not checked.
     """
 
     target: Target
@@ -210,10 +210,10 @@ class SamplingResult:
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:
-        """Sandwich standard deviations of the means in SI, shape (parameter,): how they would scatter over measurements.
+        """Sandwich standard deviations of the means in SI, shape (parameter,): how the means would vary over measurements.
 
-        They hold where the model or the law of the discrepancy is wrong, too, but are themselves known to a fifth only. None for
-        an external solver, which would be run a thousand times for them (`robust_covariance` does that), and without measurement.
+        They hold even where the model or the law of the discrepancy is wrong, but are only accurate to a fifth themselves. None
+        without a measurement, and for an external solver, since they take a thousand runs (`robust_covariance` does them).
         """
         if not isinstance(self.target, Posterior) or self.target.costs_runs:
             return None
@@ -321,7 +321,7 @@ class SamplingResult:
     def _surrogate_matters(self, error: float, unexplained: float) -> bool:
         """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
 
-        A certificate says it better.
+        A certificate answers this better.
         """
         if self.certified is not None:
             return False
@@ -339,7 +339,7 @@ class SamplingResult:
     def predict(
         self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> predictive.Prediction:
-        """Predict, on the measured record or another one; see `predictive.predict`.
+        """Predict, on the measured record or another one; see `prediction.predict`.
 
         Parameters
         ----------

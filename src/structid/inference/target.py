@@ -55,11 +55,11 @@ class Target(ABC):
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log density with respect to φ, −inf where it cannot be had; and where a simulation failed.
+            Log density with respect to φ (−inf where it cannot be computed), and where a simulation failed.
         """
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Prior and likelihood apart, for samplers that pass from the one to the other.
+        """Log prior and log-likelihood separately, for samplers that move from the prior to the posterior.
 
         Parameters
         ----------
@@ -69,7 +69,7 @@ class Target(ABC):
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log prior with respect to φ; log-likelihood, −inf where it cannot be had; and where a simulation failed.
+            Log prior with respect to φ; log-likelihood, −inf where it cannot be computed; and where a simulation failed.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class Target(ABC):
 
     @property
     def knows_prior(self) -> bool:
-        """Whether prior and likelihood can be told apart."""
+        """Whether prior and likelihood can be evaluated separately."""
         return False
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
@@ -93,7 +93,7 @@ class Target(ABC):
         Returns
         -------
         tuple of callable and tree of arrays
-            ``function(phi[run, parameter], data)`` to the log density in unconstrained coordinates, and the data.
+            ``function(phi[run, parameter], data)``, which returns the log density in unconstrained coordinates, and the data.
 
         Raises
         ------
@@ -146,7 +146,7 @@ class Target(ABC):
 
 
 class LogDensity(Target):
-    """Anybody's log density as a target.
+    """Any log density as a target.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ class LogDensity(Target):
 
     @property
     def knows_prior(self) -> bool:
-        """Whether `initial` is a space, which is taken for the prior."""
+        """Whether `initial` is a parameter space, which is then the prior."""
         return isinstance(self._initial, ParameterSpace)
 
     def traceable(self) -> tuple[Callable[[Any, Any], Any], Any]:
@@ -252,7 +252,7 @@ class LogDensity(Target):
         return np.where(failed, -np.inf, value), failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Prior and likelihood apart, where `initial` is a space, which is taken for the prior; see `Target.evaluate_parts`.
+        """Log prior and log-likelihood, if `initial` is a parameter space (then the prior); see `Target.evaluate_parts`.
 
         Parameters
         ----------

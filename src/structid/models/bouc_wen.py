@@ -95,7 +95,7 @@ class BoucWen(TraceableModel):
     initial_displacement, initial_velocity, initial_hysteretic_displacement : float
         State at the first sample [m, m/s, m], 0 by default.
     free : sequence of str
-        Parameters that come with every run instead, in the order of its columns.
+        Parameters that are given with every run instead, in the order of its columns.
     channels : sequence of str
         What to record: see `CHANNELS`; energies are in J.
     substeps : int

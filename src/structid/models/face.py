@@ -26,7 +26,7 @@ LARGEST_BATCH = 2000
 
 
 class StandIn(ABC):
-    """What a model that stands for another one, such as a surrogate, knows beside its response."""
+    """What a model that stands for another one, such as a surrogate, knows besides its response."""
 
     @property
     @abstractmethod
@@ -35,7 +35,7 @@ class StandIn(ABC):
 
     @abstractmethod
     def outside(self, theta: np.ndarray) -> np.ndarray:
-        """Say which points lie outside the range it is known to be good for.
+        """Say which points lie outside the range in which it is known to be good.
 
         Parameters
         ----------
@@ -60,7 +60,7 @@ class StandIn(ABC):
 
     @abstractmethod
     def check_fitness(self) -> None:
-        """Refuse to stand in a posterior if it is known to be poor.
+        """Refuse to be used in a posterior if it is known to be poor.
 
         Raises
         ------
@@ -91,13 +91,13 @@ class StandIn(ABC):
 class Model(ABC):
     """Maps parameters and an excitation to response histories.
 
-    Everything that has this face can be calibrated: the built-in oscillators, somebody's external solver, a surrogate.
+    Everything that has this interface can be calibrated: the built-in oscillators, an external solver, a surrogate.
     A class that implements it is final; its settings are in its constructor and do not change.
 
     Attributes
     ----------
     free : tuple of str
-        Parameters that come with every run, in the order of its columns.
+        Parameters that are given with every run, in the order of its columns.
     channels : tuple of str
         What a run returns.
     traceable : bool
@@ -105,7 +105,7 @@ class Model(ABC):
     batched : bool
         Whether many runs are done in one call. A run then costs little, and nobody needs workers for it.
     guarded : bool
-        Whether runs are done one by one where they can do no harm, in child processes. An executor may do several at a time.
+        Whether runs are done one by one in child processes, where they can do no harm. An executor may do several at a time.
     """
 
     free: tuple[str, ...]
@@ -127,9 +127,9 @@ class Model(ABC):
 
     @property
     def loop_channels(self) -> tuple[str, str, str] | None:
-        """Displacement, force and absorbed energy of the spring whose hysteresis loop is worth a look.
+        """Displacement, force and absorbed energy of the spring whose hysteresis loop is worth looking at.
 
-        None for a model that records no such loop; others can be asked for these channels by `recording`.
+        None for a model that records no such loop. Other models can be asked for these channels with `recording`.
         """
         return None
 
@@ -144,7 +144,7 @@ class Model(ABC):
         Parameters
         ----------
         folder : Path
-            Made if it is not there.
+            Created if it does not exist.
 
         Returns
         -------
@@ -198,7 +198,7 @@ class Model(ABC):
         progress : callable, optional
             Called with the number of finished runs and the total.
         map : callable, optional
-            Spreads the runs of an external model, like ``Executor.map``. Built-in models run in batches and do not need it.
+            Maps the runs of an external model, like ``Executor.map``. Built-in models run in batches and do not need it.
 
         Returns
         -------
@@ -297,7 +297,7 @@ class Model(ABC):
     @property
     @abstractmethod
     def content_hash(self) -> str:
-        """Hash of everything a response depends on beside parameters and excitation."""
+        """Hash of everything a response depends on besides parameters and excitation."""
 
     def parameters(self, design: Design | np.ndarray) -> np.ndarray:
         """Check a design against the free parameters and bring its columns into their order.

@@ -1,4 +1,4 @@
-"""What a kind of model says of itself, so that a study file can name it and nobody else needs to know its name."""
+"""What a kind of model says about itself, so that a study file can name it and no other code needs to know its name."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class ModelRequest:
     Parameters
     ----------
     given : mapping of str to object
-        What its table says, quantities in SI; keys that were left out are not there.
+        The content of its table, with quantities in SI and without the keys that were left out.
     space : ParameterSpace
         The unknown parameters.
     free : tuple of str
         Those of them, and of the derived ones, that the model knows.
     channels : tuple of str
-        What somebody measures or wants.
+        What is measured or asked for.
     folder : Path
         Where relative paths start.
     """
@@ -49,13 +49,13 @@ class ModelKind:
     build : callable
         Makes the model of a `ModelRequest`.
     parameters : callable, optional
-        Names of the parameters that the model knows, by what its table says. None for a solver, which takes any.
+        Names of the parameters that the model knows, from its table. None for a solver, which takes any.
     parameter_unit : callable, optional
-        SI unit of a parameter by name, by what the table says and by the names of all unknown ones; None where it is not known.
+        SI unit of a parameter, from its name, the table and the names of all unknown parameters; None where it is not known.
     check : callable, optional
         Looks at the raw table before its keys are read, and returns it.
     named_in_messages : tuple of str
-        Parameters that a message lists, best of one spring or storey alone; all that it knows when empty.
+        Parameters that a message lists, best those of a single spring or storey. When empty, all that the model knows.
     note : str
         What such a list ends with.
     """
@@ -71,5 +71,5 @@ class ModelKind:
 
     @property
     def is_a_solver(self) -> bool:
-        """Whether it runs somebody's solver, whose parameters and channels are the study's affair."""
+        """Whether it runs an external solver, whose parameters and channels the study defines."""
         return self.parameters is None

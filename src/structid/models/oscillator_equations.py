@@ -14,7 +14,7 @@ from structid.mechanics.hysteretic_system import HystereticSystem, State
 
 
 class OscillatorEquations(HystereticSystem):
-    """u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the states that somebody needs.
+    """u″ = −a_g − 2ζω u′ − α ω² u − (1 − α) ω² z, with only the states that are needed.
 
     Parameters
     ----------

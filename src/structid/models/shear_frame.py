@@ -99,7 +99,7 @@ class ShearFrame(TraceableModel):
     rayleigh_mode : int
         The second mode with ζ, 3 by default, or the last if there are fewer.
     free : sequence of str
-        Parameters that come with every run, in the order of its columns; ``damping_ratio`` may be one.
+        Parameters that are given with every run, in the order of its columns; ``damping_ratio`` may be one.
     channels : sequence of str
         What to record, such as ``"displacement_3"``, ``"drift_1"``, ``"base_shear"``.
     substeps : int
@@ -208,7 +208,7 @@ class ShearFrame(TraceableModel):
             raise InputError("ShearFrame.rayleigh_mode", f"{self.rayleigh_mode}", "1 or more")
 
     def _named(self, name: str) -> bool:
-        """Whether anything is said of a parameter, for all storeys or for one."""
+        """Whether a parameter is given, for all storeys or for one."""
         own = {name, *(f"{name}_{j}" for j in self._numbers)}
         return getattr(self, name) is not None or bool(own & set(self.free))
 
@@ -347,7 +347,7 @@ class ShearFrame(TraceableModel):
 
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
-    """Every name that a frame of so many storeys knows."""
+    """Every parameter name of a frame with this many storeys."""
     numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, given["storeys"] + 1)]
     return ["damping_ratio", *STOREY_PARAMETERS, *numbered]
 

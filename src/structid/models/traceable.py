@@ -39,7 +39,7 @@ class TracedExcitation:
     interpolation : {"linear", "periodic"}
         What goes on between samples.
     identity : str
-        Hash of the whole excitation, for a model that knows its own records alone; empty for others.
+        Hash of the whole excitation, for a model that knows only its own records; empty for others.
     stages : jax.Array, shape (time − 1 + lead-in samples, substeps, 3)
         Values at the start, middle and end of every integration step, from `Excitation.stage_values`.
     """
@@ -94,7 +94,7 @@ jax.tree_util.register_dataclass(
 
 
 class Shortcut(ABC):
-    """A shorter way from parameters to what a likelihood needs of one measurement or several, than by the response.
+    """A shorter way, not through the response, from parameters to what a likelihood needs of one or several measurements.
 
     A JAX tree: its arrays are arguments of the compiled density.
     """
@@ -158,7 +158,7 @@ class TraceableModel(Model):
     loops : bool
         Whether a response is a loop over time, which XLA runs on one core, so that batches are shared out over the cores.
     own_records : bool
-        Whether it knows the response to certain records alone, as a surrogate may.
+        Whether it knows the response only to certain records, as a surrogate may.
     substeps : int
         Integration steps per sample.
     """
@@ -227,7 +227,7 @@ class TraceableModel(Model):
         progress: Progress | None = None,
         map: Map | None = None,
     ) -> Histories:
-        """Run rows of parameters in batches, spread over the machine's cores.
+        """Run rows of parameters in batches, distributed over the machine's cores.
 
         Parameters
         ----------
@@ -264,7 +264,7 @@ class TraceableModel(Model):
 def as_traceable(
     model: Model, where: str, allowed: str = "a built-in model or a surrogate", cure: str = ""
 ) -> TraceableModel:
-    """Return a model that says it is traceable as one; refuse any other.
+    """Return a model that says it is traceable, as a `TraceableModel`; refuse any other.
 
     Parameters
     ----------
@@ -273,7 +273,7 @@ def as_traceable(
     where : str
         What needs derivatives, for the message.
     allowed, cure : str
-        What would do, and what to do about it.
+        What is allowed, and what to do about it.
 
     Returns
     -------

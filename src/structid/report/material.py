@@ -53,7 +53,7 @@ class PosteriorMaterial(RunsMaterial):
     result : SamplingResult
         Of a `Posterior`.
     true_posterior : Posterior
-        That of the model itself, for channels and records that a surrogate does not know.
+        The posterior under the model itself, for channels and records that a surrogate does not know.
     searches : dict of str to OptimizeResult
         Deterministic calibrations by method.
     raw_record, record : GroundMotion
@@ -118,7 +118,7 @@ class PosteriorMaterial(RunsMaterial):
         return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
 
     def suffix(self, index: int) -> str:
-        """What tells the figures of several observations apart.
+        """Suffix of a file name that distinguishes the figures of several observations.
 
         Parameters
         ----------

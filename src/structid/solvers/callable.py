@@ -31,7 +31,7 @@ class CallableModel(ExternalModel):
     time_limit : float, optional
         Seconds a run may take.
     isolated, version, units
-        See `ExternalModel`. What the function's code, and what it uses of its own module, says counts in any case.
+        See `ExternalModel`. The code of the function, and of what it uses from its own module, counts in any case.
 
     Examples
     --------

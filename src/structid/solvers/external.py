@@ -1,4 +1,4 @@
-"""Somebody's solver as a model: one run at a time, guarded against crashing and hanging, every end of it a row with a status."""
+"""An external solver as a model: one run at a time, guarded against crashes and hangs. Every outcome is a row with a status."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ class ExternalModel(Model):
     time_limit : float, optional
         Seconds a run may take.
     isolated : bool
-        Run in a child process, which can be killed and may crash. Without it a run happens in the calling process: easier to
-        debug, and for functions that cannot be sent to another process; there is no time limit then.
+        Do each run in a child process, which can be killed and may crash. Otherwise runs happen in the calling process, without a
+        time limit. This is easier to debug, and works for functions that cannot be sent to another process.
     version : str
-        Change it when something changes that `content_hash` cannot see, such as a library the solver calls: stored runs of another
-        version are not taken for this one's.
+        Change it when something that `content_hash` cannot see changes, such as a library the solver calls. Stored runs of
+        another version are not taken for this one's.
     units : mapping of str to str, optional
-        What tables and figures show a channel in, such as ``{"crack_width": "mm"}``, where its name is not a standard one. The
+        Units in which tables and figures show channels whose names are not standard ones, such as ``{"crack_width": "mm"}``. The
         solver returns SI.
     """
 
@@ -77,15 +77,15 @@ class ExternalModel(Model):
 
     @property
     def channel_units(self) -> dict[str, ChannelUnit]:
-        """SI unit and display unit of every channel, as they were declared or as the standard names have them."""
+        """SI unit and display unit of every channel, as declared or as the standard names define them."""
         return {c: self._units.get(c, standard_unit(c)) for c in self.channels}
 
     scratch: Path | None = None
-    """Where runs leave their files, if they do."""
+    """Where runs leave their files, if they leave any."""
     keeps_failed: bool = True
-    """Whether the files of a run that failed stay."""
+    """Whether the files of a failed run are kept."""
     kept: Path | None = None
-    """Where the last run's files are, if they were kept; known to the process that did it."""
+    """Where the last run's files are, if they were kept; known only to the process that did the run."""
 
     @abstractmethod
     def solve(self, task: Task, excitation: Excitation) -> Any:
@@ -129,7 +129,7 @@ class ExternalModel(Model):
         progress : callable, optional
             Called with the number of finished runs and the total.
         map : callable, optional
-            Spreads the runs, like ``Executor.map``; one after another when left out.
+            Maps the runs, like ``Executor.map``. When left out, they are done one after another.
 
         Returns
         -------
@@ -164,7 +164,7 @@ class ExternalModel(Model):
         excitation : Excitation
             What drives it.
         attempts : int
-            Which attempt at it this is.
+            Number of this attempt at the run.
 
         Returns
         -------
@@ -177,7 +177,7 @@ class ExternalModel(Model):
 
 
 def as_guarded(model: Model) -> ExternalModel:
-    """Return a model that says it is guarded as one.
+    """Return a model that says it is guarded, as an `ExternalModel`.
 
     Parameters
     ----------

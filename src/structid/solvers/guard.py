@@ -41,7 +41,7 @@ class PackedCall:
     scratch : str
         Where runs leave their files, empty if they leave none.
     keeps : bool
-        Whether those of a run that failed stay.
+        Whether the files of a failed run are kept.
     preloaded : str
         Module that a child process imports before its first run.
     """
@@ -149,7 +149,7 @@ def attempt(call: PackedCall, task: Task) -> Outcome:
 
 
 def _left_behind(call: PackedCall, task: Task) -> str:
-    """What a program said before it was stopped, which is in its scratch folder."""
+    """What a program said before it was stopped, read from its scratch folder."""
     for folder in Path(call.scratch).glob(f"{task.name}-{task.attempt}-*") if call.scratch else ():
         words = (folder / STANDARD_OUTPUT).read_bytes()[-LAST_WORDS:] if (folder / STANDARD_OUTPUT).is_file() else b""
         if not call.keeps:
@@ -176,7 +176,7 @@ def _solved(model: Solver, excitation: Excitation, task: Task) -> Outcome:
 
 
 def _where(problem: Exception) -> str:
-    """Say what was raised and in which line of whose file."""
+    """Say what was raised, and in which file and line."""
     frames = traceback.extract_tb(problem.__traceback__)
     place = f" ({os.path.basename(frames[-1].filename)}, line {frames[-1].lineno})" if frames else ""  # noqa: PTH119
     return f"{type(problem).__name__}: {problem}{place}"

@@ -1,10 +1,10 @@
-"""What a `Watchdog` starts: a keeper process that has imported what takes long, and forks the runner that does the calls.
+"""What a `Watchdog` starts: a keeper process, which does the slow imports once and forks the runner that does the calls.
 
     owner ── socket ── keeper ── socket ── runner ── whatever the solver starts
       └───────────────lifeline──┴────────────┘
 
-A runner that hangs is killed with everything it has started, one that crashes is waited for, and the next is forked in
-milliseconds: starting Python anew takes a second. When the owner dies, however it dies, keeper and runner see the
+A runner that hangs is killed with everything it has started, and one that crashes is waited for. The next is forked in
+milliseconds, while starting Python anew takes a second. When the owner dies, for whatever reason, keeper and runner see the
 lifeline close and kill their process groups.
 """
 
@@ -27,7 +27,7 @@ ANSWERED, TIMED_OUT, DIED, NOT_LOADED = b"A", b"T", b"D", b"L"
 """How a call ended: first byte of what the keeper sends back."""
 
 START_LIMIT = 120.0
-"""Seconds a function may take to be loaded, with all it imports; no part of the time limit of a call."""
+"""Seconds allowed for loading a function with all it imports; not part of the time limit of a call."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class _Runner:
         os.waitpid(self.pid, 0)
 
     def ended(self) -> str:
-        """Say how a runner ended that has closed its channel, and kill the processes it has left behind."""
+        """Say how a runner that has closed its channel ended, and kill the processes it has left behind."""
         status = 0
         for _ in range(100):  # it is ending; in a moment its exit code is known
             pid, status = os.waitpid(self.pid, os.WNOHANG)
@@ -161,7 +161,7 @@ def _run(channel: Connection) -> None:
 
 
 def _listen_again(voice: int) -> None:
-    """Empty the file that keeps what is said, and say into it: the last call may have closed or turned its output."""
+    """Empty the file that keeps the output, and direct output to it: the last call may have closed or redirected it."""
     os.ftruncate(voice, 0)
     os.lseek(voice, 0, os.SEEK_SET)
     for number, name in ((1, "stdout"), (2, "stderr")):
@@ -189,7 +189,7 @@ def _told(problem: Exception, as_object: bool) -> bytes:
 
 
 def die_with_the_owner(lifeline: int) -> None:
-    """Wait until the owner has gone, and take the whole process group along.
+    """Wait until the owner has gone, then kill the whole process group.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def ended_by(code: int) -> str:
 
 
 def main() -> None:
-    """Be a keeper: the arguments are the file descriptors of socket and lifeline, and a module to import beforehand."""
+    """Run as a keeper: the arguments are the file descriptors of socket and lifeline, and a module to import beforehand."""
     channel, lifeline = (int(word) for word in sys.argv[1:3])
     threading.Thread(target=die_with_the_owner, args=(lifeline,), daemon=True).start()
     if sys.argv[3]:

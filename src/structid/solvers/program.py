@@ -39,11 +39,11 @@ class OutputFile:
     file : str
         Name in the scratch folder. ``.h5``, ``.hdf5`` and ``.nc`` are HDF5; anything else is columns of text.
     columns : mapping of str to int or str
-        For each channel its column, counted from 0, or its name in the file's header; in HDF5 the path of its dataset.
+        For each channel: its column, counted from 0, or its name in the file's header. In HDF5, the path of its dataset.
     units : mapping of str to str
-        Units of the columns; SI where nothing is said.
+        Units of the columns; SI where none is given.
     time : int or str, optional
-        Column of the times [s]. With it the histories are brought to the record's samples by straight lines; without it there must
+        Column of the times [s]. With it, the histories are interpolated linearly to the record's samples. Without it, there must
         be a row for every sample.
     """
 
@@ -87,13 +87,13 @@ class ProgramModel(ExternalModel):
     scratch : path-like, optional
         Where scratch folders are made; the system's temporary folder when left out.
     keep : {"failed", "all", "none"}
-        Which scratch folders stay.
+        Which scratch folders are kept.
     environment : mapping of str to str, optional
         Further environment variables.
     time_limit : float, optional
         Seconds a run may take.
     version : str
-        See `ExternalModel`; of a program that does not lie in `folder`, whose content is not seen.
+        See `ExternalModel`. Use it for a program that is not in `folder`, since its content is not seen.
     structure_failed_exit_code : int, optional
         Exit code with which the program says that the structure failed; see `StructureFailedError`. Any other one but 0 is a
         failed run.
@@ -136,12 +136,12 @@ class ProgramModel(ExternalModel):
         self._check_templates()
 
     def working_in(self, folder: Path) -> ProgramModel:
-        """Return this model with another place for its scratch folders.
+        """Return this model with another location for its scratch folders.
 
         Parameters
         ----------
         folder : Path
-            Made if it is not there.
+            Created if it does not exist.
 
         Returns
         -------
@@ -167,7 +167,7 @@ class ProgramModel(ExternalModel):
         return self._existing(path).read_text(encoding="utf-8")
 
     def _check_templates(self) -> None:
-        """Render everything once with ones for parameters, so that a misspelt name is found at the door."""
+        """Render everything once with all parameters set to one, so that a misspelt name is found at once."""
         names = self._sample_names()
         where = {"command": "the command", **{name: f"template {path}" for name, path in self.template_files.items()}}
         for name, text in {"command": self.command, **self.templates}.items():
@@ -182,7 +182,7 @@ class ProgramModel(ExternalModel):
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of command, templates, constants, and of what the copied files and those the command names hold."""
+        """Hash of command, templates and constants, and of the content of copied files and of files that the command names."""
         names = self._sample_names()
         words = [_rendered(word, names) for word in split_command(self.command)]
         named = [self.folder / (shutil.which(words[0]) or words[0]), *(self.folder / word for word in words[1:])]
@@ -269,14 +269,14 @@ class ProgramModel(ExternalModel):
         return read_output(scratch, self.output, excitation)
 
     def _what_there_is(self, scratch: Path, excitation: Excitation) -> np.ndarray | None:
-        """Histories that a program left which then ended badly: kept, never believed."""
+        """Histories left by a program that then ended badly: kept, but never trusted."""
         try:
             return read_output(scratch, self.output, excitation)
         except SolverError:
             return None
 
     def _names(self, task: Task, excitation: Excitation) -> dict[str, Any]:
-        """What command and templates know."""
+        """Names that command and templates know."""
         record = {
             "name": excitation.name, "dt": excitation.dt, "samples": len(excitation), "values": excitation.values.tolist(),
         }  # fmt: skip
@@ -284,7 +284,7 @@ class ProgramModel(ExternalModel):
         return {**self.constants, **task.parameters, **own}
 
     def _sample_names(self) -> dict[str, Any]:
-        """Names with ones for parameters, to see what command and templates make of them."""
+        """These names with all parameters set to one, to check command and templates."""
         return self._names(Task(dict.fromkeys(self.free, 1.0), "check", 0), Excitation(np.zeros(2), 0.01, "check"))
 
     def __repr__(self) -> str:

@@ -12,7 +12,7 @@ from structid.errors import Status
 from structid.ground_motion.excitation import Excitation
 
 STANDARD_OUTPUT = "output.txt"
-"""What a program says is kept in this file of its scratch folder."""
+"""File in the scratch folder that keeps what a program says."""
 
 
 @dataclass(frozen=True)
@@ -24,11 +24,11 @@ class Task:
     parameters : dict of str to float
         In SI, by name.
     name : str
-        What its scratch folder is called.
+        Name of its scratch folder.
     seed : int
-        Of a solver that draws random numbers; the same for the same run on any executor.
+        For a solver that draws random numbers; the same for the same run on any executor.
     attempt : int
-        Which attempt at the run this is.
+        Number of this attempt at the run.
     """
 
     parameters: dict[str, float]
@@ -50,7 +50,7 @@ class Outcome:
     reason : str
         Why, if it did not reach its end.
     failure_time : float
-        Time from which there is nothing [s], NaN for a run that is done.
+        Time from which there is no response [s]; NaN for a run that is done.
     seconds : float
         Wall time.
     """
@@ -63,7 +63,7 @@ class Outcome:
 
 
 class SolverError(Exception):
-    """A solver did not do its work; raised by a solver that knows it, with what it has so far.
+    """A solver could not do its work. A solver that notices this raises it, with what it has so far.
 
     Parameters
     ----------
@@ -81,7 +81,8 @@ class SolverError(Exception):
 class StructureFailedError(SolverError):
     """The structure failed: it collapsed, or passed a limit beyond which it is lost.
 
-    Raised by a solver that did its work. The run is data, and is not tried again, while a run that failed says nothing.
+    Raised by a solver that did its work. The run is data, and is not tried again. A run that failed, by contrast, says nothing
+    about the structure.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ class StructureFailedError(SolverError):
 
 
 class Solver(Protocol):
-    """Somebody's solver, as the guard sees it: one run at a time, by parameters and excitation.
+    """An external solver as the guard sees it: one run at a time, from parameters and excitation.
 
     Attributes
     ----------
@@ -104,11 +105,11 @@ class Solver(Protocol):
     isolated : bool
         Whether a run happens in a child process.
     scratch : Path or None
-        Where runs leave their files, if they do.
+        Where runs leave their files, if they leave any.
     keeps_failed : bool
-        Whether the files of a run that failed stay.
+        Whether the files of a failed run are kept.
     kept : Path or None
-        Where the last run's files are, if they were kept. Known to the process that did it.
+        Where the last run's files are, if they were kept. Known only to the process that did the run.
     preloaded : str
         Module that a child process imports before the first run, so that a new one starts in milliseconds.
     """
@@ -123,7 +124,7 @@ class Solver(Protocol):
 
     @property
     def content_hash(self) -> str:
-        """Hash of everything a response depends on beside parameters and excitation."""
+        """Hash of everything a response depends on besides parameters and excitation."""
 
     def solve(self, task: Task, excitation: Excitation) -> Any:
         """Do one run; called in the child process.

@@ -1,4 +1,4 @@
-"""What a solver returned, held against what it should have: shape, length, finite numbers."""
+"""What a solver returned, checked against what it should be: shape, length, finite numbers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.solvers.protocol import Outcome
 
 
 def judged(result: Any, excitation: Excitation, channels: tuple[str, ...]) -> Outcome:
-    """Hold what a solver returned against what it should have: shape, length, finite numbers.
+    """Check what a solver returned against what it should be: shape, length, finite numbers.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
-"""UM-Bridge: a model served over HTTP as one of ours, and any of ours served to whoever speaks the protocol.
+"""UM-Bridge: a model served over HTTP as one of structid's, and any of structid's served to clients of the protocol.
 
-The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) knows models as maps from lists of vectors to lists of vectors.
+The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) treats models as maps from lists of vectors to lists of vectors.
 Here the first input vector holds the parameters in SI, and there is one output vector for each channel, the history in SI.
 """
 
@@ -27,7 +27,7 @@ class UMBridgeModel(ExternalModel):
     Parameters
     ----------
     url : str
-        Of the server, ``"http://localhost:4242"``.
+        Address of the server, ``"http://localhost:4242"``.
     free : sequence of str
         Names of the parameters, in the order of the server's inputs, one after another.
     channels : sequence of str
@@ -35,13 +35,13 @@ class UMBridgeModel(ExternalModel):
     name : str
         Which of the server's models.
     config : mapping, optional
-        Passed on with every run.
+        Settings passed on with every run.
     send_record : bool
-        Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that takes any.
+        Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that accepts any record.
     time_limit : float, optional
         Seconds a run may take.
     version : str
-        See `ExternalModel`; of what the server does.
+        See `ExternalModel`. Change it when what the server does changes.
     units : mapping of str to str, optional
         See `ExternalModel`.
     """
@@ -79,7 +79,7 @@ class UMBridgeModel(ExternalModel):
         Raises
         ------
         SolverError
-            If the server is not there, answers with an error, or with vectors of another number.
+            If the server is not there, answers with an error, or returns another number of vectors.
         """
         config = dict(self.config)
         if self.send_record:
@@ -104,7 +104,7 @@ class UMBridgeModel(ExternalModel):
 
     @functools.cached_property
     def content_hash(self) -> str:
-        """Hash of address, name, configuration and names; what the server does with them is its own affair."""
+        """Hash of address, name, configuration and names. What the server does with them is not seen."""
         return digest(
             "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
         )
@@ -122,7 +122,7 @@ def _connected(url: str, name: str) -> Any:
 
 
 class Served:
-    """What ``umbridge.serve_models`` asks of every model beside its values.
+    """What ``umbridge.serve_models`` asks of every model besides its values.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ class Served:
 
 
 class ServedModel(Served):
-    """One of our models with the face that ``umbridge.serve_models`` asks for.
+    """One of structid's models with the interface that ``umbridge.serve_models`` asks for.
 
     Parameters
     ----------

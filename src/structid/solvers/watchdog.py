@@ -1,7 +1,8 @@
-"""The owner's side of a guarded call: a keeper process does it, and nothing it does, crashing or hanging, harms the owner.
+"""The owner's side of a guarded call: a keeper process does it, so that no crash or hang harms the owner.
 
-No executor can kill a hung task, and a solver that crashes takes its process with it. So whoever runs a solver, a thread of this
-program or a worker of a cluster, owns a keeper (`solvers/keeper.py`), started anew, nothing inherited, one BLAS or XLA thread.
+No executor can kill a hung task, and a solver that crashes takes its process with it. So whatever runs a solver (a thread of this
+program or a worker of a cluster) owns a keeper (`solvers/keeper.py`): a fresh process that inherits nothing and has one BLAS or
+XLA thread.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from structid.reasons import with_words
 from structid.solvers.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
 
 LAST_WORDS = 2000
-"""Characters kept of what a failed call said on its way."""
+"""Characters kept of what a failed call said."""
 
 _ONE_THREAD = {
     **dict.fromkeys(
@@ -39,7 +40,7 @@ _ONE_THREAD = {
 
 
 _START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.solvers.keeper import main; main()"
-"""The keeper finds what its owner finds. Not by PYTHONPATH: programs that a solver starts must not inherit it."""
+"""The keeper imports from where its owner does. Not by PYTHONPATH: programs that a solver starts must not inherit it."""
 
 
 class CallTimeoutError(Exception):

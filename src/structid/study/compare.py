@@ -119,7 +119,7 @@ def _model_class(path: Path, name: str, outcome: StudyOutcome) -> tuple[ModelCla
 
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:
-    """That of the sampler; where it knows none, of tempered SMC on the same posterior, if that is fast."""
+    """The sampler's evidence. If it has none, the evidence of tempered SMC on the same posterior, where that is fast."""
     result, calibration = outcome.result, outcome.calibration
     assert result is not None and isinstance(result.target, Posterior)
     found = result.log_evidence

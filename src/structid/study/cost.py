@@ -30,7 +30,7 @@ class Cost:
     seconds_per_run : float
         Time of one run.
     through_a_surrogate : bool
-        Whether a surrogate is fitted to the campaign and sampled, at a price that no timing of the model tells.
+        Whether a surrogate is fitted to the campaign and sampled, at a cost that timing the model does not show.
     plan : Plan or None
         How the campaign's runs are spent on a certified calibration.
     """
@@ -127,7 +127,7 @@ def estimate(study: BuiltStudy) -> Cost:
 
 
 def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
-    """Seconds of a run of a batch from the prior, each time; the first may hold a compilation."""
+    """Seconds per run of a batch from the prior, for each repeat. The first may include a compilation."""
     theta = study.model.parameters(study.space.sample(batch, seed=study.file.seed))
     seconds = []
     for _ in range(repeats):

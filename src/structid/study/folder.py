@@ -1,4 +1,4 @@
-"""The folder of a study: what lies where, whose it is, and the copies of what the study reads."""
+"""The folder of a study: what lies where, which study it belongs to, and the copies of what the study reads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whether model and measurement are of one size before anything is run at length: a wrong unit shows here."""
+"""Whether model and measurement are of similar size, before any long run: a wrong unit shows here."""
 
 from __future__ import annotations
 

@@ -95,13 +95,13 @@ def run_study(
     out : path-like
         Folder for everything it makes.
     resume : bool
-        Go on with what is in that folder.
+        Continue with what is in that folder.
     stage : callable
         Opens a progress bar for a named stage.
     executor : None, str or object
         Where the runs of an external model are done; see `Campaign.run`.
     retry : bool
-        Do runs of the campaign again that failed before.
+        Repeat runs of the campaign that failed before.
     adopt : bool
         Keep the campaign's runs of another version of the model; see `Campaign.run`.
 
@@ -117,7 +117,7 @@ def run_study(
     """
     study = load(path)
     folder = Path(out)
-    with kept_open(study.model, executor) as workers:  # an executor that is not there is said before a folder is taken
+    with kept_open(study.model, executor) as workers:  # a missing executor is reported before a folder is taken
         claim(folder, study, Path(path), resume or retry or adopt, adopt)
         place = Workplace(folder, stage, Timings(folder / TIMINGS), workers, retry, adopt)
         return _work(study, place)

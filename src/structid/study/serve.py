@@ -13,7 +13,7 @@ from structid.study.building.built_study import BuiltStudy
 
 
 class ServedPosterior(Served):
-    """A posterior with the face that ``umbridge.serve_models`` asks for: one input vector, all parameters in SI; one number out.
+    """A posterior as ``umbridge.serve_models`` wants it: one input vector, all parameters in SI; one number out.
 
     Parameters
     ----------

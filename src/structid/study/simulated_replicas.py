@@ -28,9 +28,9 @@ def check_by_simulation(
 ) -> tuple[Ranks, Path | None]:
     """Simulate measurements with a study's model and law, and calibrate to each.
 
-    A study with a [surrogate] and no [calibration] is put to the test with its surrogate, fitted to its campaign, and with
-    measurements of the model itself. A certified calibration makes its surrogate where one posterior is, which is of no use for
-    others: there a built-in model is sampled itself.
+    A study with a [surrogate] and no [calibration] is tested with its surrogate, fitted to its campaign, on measurements
+    simulated by the model itself. A certified calibration builds its surrogate where one posterior is, so it is of no use for
+    others. In that case a built-in model is sampled itself.
 
     Parameters
     ----------

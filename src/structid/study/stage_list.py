@@ -19,7 +19,7 @@ STAGES: tuple[StudyStage, ...] = (
     deterministic_searches.STAGE,
     posterior_draws.STAGE,
 )
-"""What finds something."""
+"""Stages that find something."""
 
 PAGE_STAGE = report_page.STAGE
-"""What shows it."""
+"""The stage that shows what they found."""

@@ -80,7 +80,7 @@ class Timings:
 
 
 class StagesAsTold:
-    """Opens a bar for each thing that a calibration says it is doing, and adds up its time.
+    """Opens a bar for each step that a calibration reports, and adds up its time.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class StagesAsTold:
         self._open.close()
 
     def __call__(self, what: str, done: int, total: int) -> None:
-        """Show how much of what is done."""
+        """Show how much of a step is done."""
         if what != self._doing:
             self._open.close()
             self._doing = what

@@ -43,7 +43,7 @@ class SurrogateSettings(Protocol):
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error with which it may stand in a posterior."""
+        """Largest mean relative error with which it may be used in a posterior."""
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
         """Check the settings against runs that are yet to be made.
@@ -71,7 +71,7 @@ class SurrogateSettings(Protocol):
         runs : Runs
             Of the model it is to stand for.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
 
         Returns
         -------
@@ -108,7 +108,7 @@ class Surrogate(TraceableModel, StandIn):
 
     @abstractmethod
     def check_excitation(self, excitation: Excitation) -> None:
-        """Refuse an excitation the surrogate knows nothing of.
+        """Refuse an excitation the surrogate knows nothing about.
 
         Parameters
         ----------
@@ -142,17 +142,17 @@ class Surrogate(TraceableModel, StandIn):
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
-        """What its report says beside its settings: names and values."""
+        """What its report says besides its settings: names and values."""
         return []
 
     @abstractmethod
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-        """Give what the surrogate consists of beside `fitted`, for a file.
+        """Give what the surrogate consists of besides `fitted`, for a file.
 
         Returns
         -------
         tuple of dict
-            What JSON can say, and arrays.
+            What JSON can hold, and arrays.
         """
 
     @classmethod
@@ -165,7 +165,7 @@ class Surrogate(TraceableModel, StandIn):
         fit : Fit
             How it came about.
         plain : dict
-            What JSON can say.
+            What JSON can hold.
         arrays : mapping of str to ndarray
             The arrays.
 
@@ -306,7 +306,7 @@ class Surrogate(TraceableModel, StandIn):
         return histories, self.standard_deviation(theta, excitation, histories.values)
 
     def validate(self, runs: Runs, progress: Progress | None = None) -> Validation:
-        """Compare with runs the surrogate was not fitted to, and keep the outcome: it decides whether it may be used.
+        """Compare with runs the surrogate was not fitted to, and keep the outcome, which decides whether it may be used.
 
         Parameters
         ----------
@@ -333,16 +333,16 @@ class Surrogate(TraceableModel, StandIn):
         return self.validation
 
     def trust(self) -> None:
-        """Let the surrogate stand in a posterior whatever its error: the caller knows better."""
+        """Allow the surrogate in a posterior whatever its error: the caller takes responsibility."""
         self._trusted = True
 
     def check_fitness(self) -> None:
-        """Refuse to stand in a posterior with an error past the limit.
+        """Refuse to be used in a posterior if the error exceeds the limit.
 
         Raises
         ------
         InputError
-            If the validated error, or that estimated while fitting, is past `Fit.limit`, and nobody has called `trust`.
+            If the validated error, or the one estimated while fitting, exceeds `Fit.limit`, and `trust` has not been called.
         """
         if self._trusted or self.error <= self.fitted.limit:
             return
@@ -360,7 +360,7 @@ class Surrogate(TraceableModel, StandIn):
         Parameters
         ----------
         limit : float
-            Largest mean error with which it may stand in a posterior.
+            Largest mean error with which it may be used in a posterior.
 
         Returns
         -------
@@ -388,7 +388,7 @@ class Surrogate(TraceableModel, StandIn):
         Parameters
         ----------
         path : path-like
-            The file; one that is there is replaced.
+            The file; an existing one is replaced.
 
         Returns
         -------

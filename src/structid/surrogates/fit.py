@@ -31,7 +31,7 @@ class Fit:
     kind : str
         Its settings' class, such as ``"PODKriging"``.
     settings : dict
-        Its settings, as JSON can say them.
+        Its settings, in a form that JSON can hold.
     space : ParameterSpace
         The parameters.
     channels : tuple of str
@@ -43,17 +43,17 @@ class Fit:
     low, high : ndarray, shape (parameter,)
         The range of the design.
     runs, left_out : int
-        Runs it was fitted to, those held out among them, and those that had failed.
+        Runs it was fitted to, including those held out; and runs that had failed.
     error : float
         Mean relative error estimated while fitting: by leaving runs out, or over the runs held out.
     limit : float
-        Largest mean error with which it may stand in a posterior.
+        Largest mean error with which it may be used in a posterior.
     outside : str
         What happens beyond the range: ``"warn"``, ``"refuse"``, ``"allow"``.
     seconds : float
         Wall time of the fit.
     seen : tuple of str
-        A digest of each run it was fitted to: those cannot validate it.
+        A digest of each run it was fitted to. These runs cannot validate it.
     """
 
     kind: str

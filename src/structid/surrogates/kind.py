@@ -1,4 +1,4 @@
-"""What a kind of surrogate says of itself, so that nobody else needs to know its name."""
+"""What a kind of surrogate says about itself, so that no other code needs to know its name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SurrogateKind:
     word : str
         What a study file calls it; empty for a kind that a study cannot name.
     keys : mapping of str to type
-        Keys of a study file that it understands beside those of every surrogate, and their types as pydantic reads them.
+        Keys of a study file that it understands besides those of every surrogate, and their types as pydantic reads them.
     build : callable, optional
         Makes the settings from the keys that a file gives; the class itself when left out.
     """

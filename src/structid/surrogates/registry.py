@@ -19,7 +19,7 @@ KINDS: tuple[SurrogateKind, ...] = (
 )
 
 DEFAULT: SurrogateKind = pod_kriging.KIND
-"""What a calibration takes where nothing is said."""
+"""What a calibration uses by default."""
 
 
 def by_word() -> dict[str, SurrogateKind]:

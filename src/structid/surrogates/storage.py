@@ -25,14 +25,14 @@ CONTENT = "structid surrogate"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StoredSurrogate:
-    """What a file says of a surrogate.
+    """What a file says about a surrogate.
 
     Parameters
     ----------
     fit : Fit
         How it came about.
     plain : dict
-        What JSON can say of it.
+        What JSON can hold of it.
     arrays : dict of str to ndarray
         Its arrays.
     validation : Validation or None
@@ -57,11 +57,11 @@ def write(
     Parameters
     ----------
     path : path-like
-        The file; one that is there is replaced.
+        The file; an existing one is replaced.
     fit : Fit
         How it came about.
     plain : dict
-        What JSON can say of it.
+        What JSON can hold of it.
     arrays : dict of str to ndarray
         Its arrays.
     validation : Validation or None

@@ -28,7 +28,7 @@ BATCH = 250
 """Runs compared at once."""
 
 COVERED = 500
-"""Runs the coverage of the standard deviation is counted over at most: it may cost more than the prediction."""
+"""Most runs over which the coverage of the standard deviation is counted: it may cost more than the prediction."""
 
 COVERAGE_FACTOR = 1.96
 """Standard deviations within which 95 % of a normal variable lie."""
@@ -252,7 +252,7 @@ class Validated(Protocol):
         """
 
     def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
-        """Respond, without a word on points outside its range.
+        """Respond, without a warning about points outside its range.
 
         Parameters
         ----------

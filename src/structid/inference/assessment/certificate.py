@@ -1,8 +1,8 @@
 """May the posterior under a surrogate be believed? Importance weights of true runs at fresh draws of it say so.
 
-Weights w = π_true/π_surrogate at draws of π_surrogate that no surrogate has seen. Their Pareto-smoothed tail index k̂ (Vehtari,
-Simpson, Gelman, Yao & Gabry 2024, JMLR 25(72)), effective size and spread tell how far the two posteriors are apart where the
-surrogate's has mass; that it misses no mass is checked with the true runs of all rounds, tempered draws among them.
+The weights are w = π_true/π_surrogate at draws of π_surrogate that no surrogate has seen. Their Pareto-smoothed tail index k̂
+(Vehtari, Simpson, Gelman, Yao & Gabry 2024, JMLR 25(72)), effective size and scatter show how far apart the two posteriors are
+where the surrogate's has mass. The true runs of all rounds, tempered draws among them, check that it misses no mass.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from structid.errors import InputError
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
 FEWEST_DRAWS = 50
-"""Fewer fresh draws tell nothing of a tail: with 50, k̂ itself has a standard deviation of 0.24."""
+"""Fewer fresh draws say nothing about a tail: with 50, k̂ itself has a standard deviation of 0.24."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What a certificate asks for.
+    """Limits that a certificate must meet.
 
     Parameters
     ----------
@@ -34,14 +34,14 @@ class Limits:
     spread : float
         Largest standard deviation of log w.
     reach : float
-        Stored true runs within so many nats of the best one are looked at [nat].
+        Stored true runs whose log density is within this distance of the best one are checked [nat].
     excess : float
         Largest log(π_true/π_surrogate) of such a run above the median over the draws [nat].
     understated : float
-        Runs further from the best may be understated by this share of how far they are: a surrogate that is worse there could hide
-        a mode that no draw visits.
+        The surrogate may understate runs further from the best by this share of their distance. A surrogate that is worse there
+        could hide a mode that no draw visits.
     shift : float
-        Re-weighting may move a mean by so many posterior standard deviations, give or take twice the Monte-Carlo error of that.
+        Largest shift of a mean by re-weighting, in posterior standard deviations, give or take twice its Monte-Carlo error.
     usable_size : float
         Smallest effective number of draws with which re-weighted moments may be used.
     """
@@ -56,7 +56,7 @@ class Limits:
     usable_size: float = 50.0
 
     def largest_k_hat(self, draws: int) -> float:
-        """Largest k̂ that so many draws allow.
+        """Largest k̂ allowed for this many draws.
 
         Parameters
         ----------
@@ -78,15 +78,15 @@ class Certificate:
     Parameters
     ----------
     verdict : {"certified", "usable with re-weighting", "not to be trusted"}
-        Certified: use the draws as they are. Usable: use moments and quantiles re-weighted. Else do more true runs.
+        Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more true runs.
     reasons : tuple of str
-        What fell short, a sentence each.
+        What fell short, one sentence each.
     draws : ndarray, shape (draw, parameter)
         The fresh draws, in SI.
     weights : ndarray, shape (draw,)
         Their smoothed weights, which sum to one.
     k_hat : float
-        Tail index of the weights; −∞ where they are equal to rounding.
+        Tail index of the weights; −∞ where they are equal up to rounding.
     effective_sample_size : float
         (Σw)²/Σw².
     spread : float
@@ -98,13 +98,13 @@ class Certificate:
     excess : float
         Largest log(π_true/π_surrogate), above the median over the draws, of the stored true runs within reach of the best [nat].
     within_reach : int
-        How many stored runs that were.
+        Number of those stored runs.
     failed : int
         Fresh draws whose true run failed.
     true_runs : int
-        True runs spent in all, those of the certificate included.
+        True runs spent in all, including those of the certificate.
     limits : Limits
-        What was asked for.
+        The limits it had to meet.
     names : tuple of str
         Parameters.
     """
@@ -137,7 +137,7 @@ class Certificate:
 
     @property
     def largest_shift(self) -> float:
-        """How far re-weighting moves the mean it moves most, in standard deviations."""
+        """Largest shift of a mean by re-weighting, in standard deviations."""
         return float(np.abs(self.shift).max())
 
     def __str__(self) -> str:
@@ -157,7 +157,7 @@ class Certificate:
         return "\n".join(lines)
 
     def to_plain(self) -> dict[str, Any]:
-        """Give all figures but the draws, as JSON can say them.
+        """Give all figures except the draws, in a form that JSON can hold.
 
         Returns
         -------
@@ -212,7 +212,7 @@ def certify(
     true_runs : int
         True runs spent in all.
     limits : Limits, optional
-        What to ask for.
+        The limits to meet.
     impossible : ndarray of bool, shape (draw,), optional
         Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
 
@@ -287,7 +287,7 @@ def smoothed_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
     Returns
     -------
     tuple of ndarray and float
-        Weights that sum to one, and k̂; −∞ where the weights are equal to rounding.
+        Weights that sum to one, and k̂; −∞ where the weights are equal up to rounding.
     """
     count = len(log_ratios)
     if not np.isfinite(log_ratios).any():
@@ -301,7 +301,7 @@ def smoothed_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
         warnings.simplefilter("ignore")
         log_weights, k_hat = _psis(ratios - ratios.max())
     weights = np.exp(log_weights - log_weights.max())
-    # The smoothing never lends a failed run weight.
+    # Smoothing never gives weight to a failed run.
     weights = np.where(np.isfinite(log_ratios), weights, 0.0)
     return weights / weights.sum(), float(k_hat)
 
@@ -333,7 +333,7 @@ def _shift(draws: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _understated(stored: StoredRuns, ratios: np.ndarray, limits: Limits) -> int:
-    """How many stored runs beyond reach the surrogate understates by more than a share of their depth below the best."""
+    """Number of stored runs beyond reach that the surrogate understates by more than a share of their depth below the best."""
     ran = np.isfinite(stored.log_true)
     if not ran.any():
         return 0

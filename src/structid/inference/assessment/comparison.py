@@ -1,4 +1,4 @@
-"""Which model class do the data favour: evidence, and the predictive density of stretches of the measurement left out in turn.
+"""Which model class the data favour, by evidence and by the predictive density of stretches of the measurement left out in turn.
 
 A. Vehtari, A. Gelman & J. Gabry (2017), doi 10.1007/s11222-016-9696-4. The values of one history depend on each other, so whole
 stretches are left out, not single values; the density of a stretch is conditional on what was measured before it.
@@ -19,7 +19,7 @@ from structid.inference.sampling.sampler import Evidence
 BLOCKS = 40
 """Stretches that a history is cut into."""
 GOOD_K_HAT = 0.7
-"""Tail index above which leaving a stretch out changes the posterior too much to be told by weights."""
+"""Tail index above which leaving a stretch out changes the posterior too much for weights to represent."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class LeaveOut:
         return int(np.count_nonzero(self.k_hat > GOOD_K_HAT))
 
     def less(self, other: LeaveOut) -> tuple[float, float]:
-        """How much more another class predicts of the same stretches.
+        """How much better this class predicts the same stretches than another.
 
         Parameters
         ----------
@@ -63,7 +63,7 @@ class LeaveOut:
         Returns
         -------
         tuple of float
-            Difference, this one less the other, and its standard error by pairs of stretches [nat].
+            Difference, this class minus the other, and its standard error from pairs of stretches [nat].
         """
         gap = self.each - other.each
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
@@ -102,20 +102,20 @@ def leave_out(posterior: Posterior, draws: np.ndarray, blocks: int = BLOCKS) -> 
 
 @dataclass(frozen=True, eq=False)
 class ModelClass:
-    """What a comparison knows of one model class.
+    """What a comparison knows about one model class.
 
     Parameters
     ----------
     name : str
-        What to call it.
+        Name of the class.
     evidence : Evidence or None
         log Z; None where it is not known.
     left_out : LeaveOut
         Predictive density by stretches.
     parameters : int
-        How many it has.
+        Number of parameters.
     unexplained : float
-        Share of the measurement's variance that its best prediction leaves.
+        Share of the measurement's variance that its best prediction leaves unexplained.
     inside : float
         Share of the measurement inside its 90 % predictive band.
     trusted : bool
@@ -154,7 +154,7 @@ class Comparison:
 
     @property
     def best(self) -> ModelClass:
-        """The class of most evidence; of most predictive density where some evidence is not known."""
+        """The class with the most evidence, or with the most predictive density where some evidence is not known."""
         return max(self.classes, key=self._score)
 
     def _score(self, one: ModelClass) -> float:
@@ -181,7 +181,7 @@ class Comparison:
 
     @property
     def probabilities(self) -> np.ndarray:
-        """Posterior probabilities of the classes, equal ones beforehand, shape (class,); NaN where an evidence is not known."""
+        """Posterior probabilities of the classes from equal prior ones, shape (class,); NaN where an evidence is not known."""
         if not self.by_evidence:
             return np.full(len(self.classes), np.nan)
         values = np.array([c.evidence.value for c in self.classes if c.evidence is not None])
@@ -281,7 +281,7 @@ def _probability(value: float) -> str:
 
 
 def aligned(heads: list[str], rows: list[list[str]]) -> list[str]:
-    """Lines of a table, its columns below one another.
+    """Lines of a table with aligned columns.
 
     Parameters
     ----------

@@ -15,13 +15,13 @@ EFFECTIVE_SIZE_LIMIT = 400
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
-"""Steps at least that are looked at for walkers that end far below the others."""
+"""Smallest number of steps searched for walkers that end far below the others."""
 FEWEST_MOVES = 50
-"""Accepted moves of the median walker from which a walker's acceptance says something of it."""
+"""A walker is judged by its acceptance only if the median walker has at least this many accepted moves."""
 BOUND_WIDTH = 0.02
 """The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
 BOUND_MASS = 0.2
-"""Posterior mass in that strip from which a marginal is said to sit on the bound."""
+"""A marginal is said to sit on the bound if it has at least this posterior mass in that strip."""
 TAIL_PROBABILITY = 1e-3
 """A posterior median beyond this prior probability says that prior and data disagree."""
 
@@ -29,10 +29,10 @@ TAIL_PROBABILITY = 1e-3
 def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
     """Integrated autocorrelation time, τ = 1 + 2 Σ (1 − t/S) ρ(t) over S steps, with Sokal's window.
 
-    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). Several series are averaged in their autocorrelation
-    first, since each alone is noisy. They are taken about the mean of all: about its own, a series that is not much longer than τ
-    hides what it has of correlation. The mean of E series has a variance V itself, by which each autocovariance comes out too
-    small; with V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S) the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
+    The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged first,
+    since each alone is noisy. They are taken about the mean of all series. About its own mean, a series not much longer than τ
+    hides part of its correlation. The mean of E series has a variance V itself, by which each autocovariance comes out too small.
+    With V = (Σ C(t) + V Σ (1 − |t|/S)) / (E S), the sum is divided by 1 − Σ (1 − |t|/S) / (E S).
 
     Parameters
     ----------
@@ -102,13 +102,13 @@ def effective_sample_size(draws: np.ndarray) -> float:
 
 
 def series_time(draws: np.ndarray) -> float:
-    """Integrated autocorrelation time of a quantity, by which the error of its mean is told.
+    """Integrated autocorrelation time of a quantity, which gives the error of its mean.
 
-    It is that of the mean over each ensemble, which the means of a few ensembles know badly: of 300 steps with τ = 60, to a
-    factor of four. The many walkers know their own τ well, but not what they have of one another. So it is the walkers' τ, and of
-    what the means say beyond it, d, the share (1 − s²/d²)₊ with the standard error s of the means' τ (the non-negative garrote,
-    L. Breiman 1995, doi 10.1080/00401706.1995.10484371). Of chains shorter than some ten τ the walkers alone decide: see
-    `longest_time`.
+    What counts is τ of the mean over each ensemble. A few ensembles determine it badly: from 300 steps with τ = 60, to a factor
+    of four. The many walkers determine their own τ well, but not how they depend on one another. So the result is the walkers' τ,
+    plus a share of the difference d by which the means' τ exceeds it. With the standard error s of the means' τ, this share is
+    (1 − s²/d²)₊ (the non-negative garrote, L. Breiman 1995, doi 10.1080/00401706.1995.10484371). For chains shorter than some
+    ten τ, the walkers alone decide: see `longest_time`.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def series_time(draws: np.ndarray) -> float:
 
 
 def longest_time(draws: np.ndarray) -> float:
-    """The longer of the walkers' autocorrelation time and that of their ensembles' means, by which a chain's length is judged.
+    """The longer of two autocorrelation times, the walkers' and their ensemble means', by which a chain's length is judged.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
         of the last fifth of the steps, or the last twenty, is below anything the upper three quarters of all walkers visit.
     """
     rate = accepted.mean(axis=0)
-    # So few moves may be chance where few are expected.
+    # Where few moves are expected, a low count may be chance.
     telling = np.median(rate) * len(accepted) >= FEWEST_MOVES
     slow = telling & (rate < STUCK_ACCEPTANCE * np.median(rate))
     last = log_density[-max(len(log_density) // 5, LAST_STEPS) :]
@@ -261,9 +261,9 @@ class Verdict:
     converged : bool
         True only if nothing in `failures` was found.
     failures : tuple of str
-        What speaks against convergence, a sentence each.
+        What speaks against convergence, one sentence each.
     warnings : tuple of str
-        What the reader must know beside convergence.
+        What the reader must know besides convergence.
     parameters : dict of str to ParameterDiagnostics
         The figures behind it.
     acceptance : ndarray, shape (ensemble, walker)
@@ -273,11 +273,11 @@ class Verdict:
     failed_simulations : int
         Simulations within the prior's support that failed; they count as −inf.
     unexplained : float
-        Fraction of the measurement's variance left by the best prediction, NaN where there is no measurement.
+        Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement.
     kept_steps : int
         Steps kept after the start was dropped.
     needed_length : float
-        How many autocorrelation times of them the sampler needs: many of a chain, few of a large population.
+        Number of autocorrelation times that these steps must span: many for a chain, few for a large population.
     """
 
     converged: bool
@@ -309,7 +309,7 @@ def convergence_failures(
     kept_steps, ensembles, stuck : int
         Kept steps, independent ensembles, stuck walkers.
     needed_length : float
-        Kept steps, in autocorrelation times, of a converged run of the sampler.
+        Number of autocorrelation times that the kept steps of a converged run must span.
 
     Returns
     -------

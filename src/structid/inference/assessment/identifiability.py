@@ -1,4 +1,4 @@
-"""What the data can see: Fisher information at a point, and the parameter combinations that stay dark."""
+"""What the data can see: Fisher information at a point, and the parameter combinations they cannot see."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.traceable import as_traceable
 
 SEEN = 1.0
-"""Information, in units of the prior's, below which the data say less of a combination than the prior does."""
+"""Information, in units of the prior's, below which the data say less about a combination than the prior does."""
 
 
 @dataclass(frozen=True)
@@ -22,8 +22,8 @@ class Identifiability:
     """Fisher information of the model's parameters and nuisances, relative to the prior.
 
     With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
-    prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ is the number of times the data know a
-    combination better than the prior (in variance).
+    prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ says how many times better the data determine a
+    combination than the prior does (in variance).
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Identifiability:
 
     @property
     def unseen(self) -> list[str]:
-        """Combinations of which the data say less than the prior, in words."""
+        """Combinations about which the data say less than the prior, in words."""
         return [self.combination(i) for i in range(len(self.names)) if self.eigenvalues[i] < SEEN]
 
     def combination(self, index: int) -> str:
@@ -59,7 +59,7 @@ class Identifiability:
         Parameters
         ----------
         index : int
-            Which, counted from the best seen.
+            Which one, counted from the best determined.
 
         Returns
         -------

@@ -89,7 +89,7 @@ def predict(
         Draws in SI.
     record : Excitation, optional
         The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
-        those of its observation; on another one the discrepancy of the first observation is used, and its instrument is not.
+        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
     channels : tuple of str, optional
         What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
@@ -136,7 +136,7 @@ def predict(
 
 
 def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
-    """Fraction of the measurements' variance that a prediction leaves, Σ(y − M)² / Σ(y − ȳ)².
+    """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)².
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]
     Returns
     -------
     list of str
-        A sentence for each parameter with something to say.
+        One sentence for each parameter where they disagree.
     """
     found = []
     for i, (name, marginal) in enumerate(space.marginals.items()):

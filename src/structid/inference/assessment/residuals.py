@@ -12,7 +12,7 @@ from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
-"""Autocorrelation of a whitened residual from which its law is said not to describe it."""
+"""A law is said not to describe a whitened residual whose autocorrelation reaches this."""
 WHITE_BOUND = 5.0
 """The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
 SHARE_OF_LAGS = 0.1
@@ -20,7 +20,7 @@ SHARE_OF_LAGS = 0.1
 LONG_RUN_SHARE = 1.0 / 6.0
 """Width of the window of a long-run covariance, as a share of the history."""
 MUCH_WIDER = 1.5
-"""Robust standard deviations that are so many times the posterior's own are worth a warning."""
+"""A warning is given where robust standard deviations are this many times the posterior's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[Whitene
 
 
 def robust_covariance(posterior: Posterior, draws: np.ndarray) -> np.ndarray:
-    """Sandwich covariance of the posterior means: how they would scatter over measurements, were the model or the law wrong.
+    """Sandwich covariance of the posterior means: how they would vary over measurements if model or law were wrong.
 
     The influence of the value measured at the time t on the means is ψ_t = Cov(θ, log p(y_t | y_<t, θ)) over the posterior
     (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466). Where the law is
@@ -163,7 +163,7 @@ def long_run_covariance(series: np.ndarray) -> np.ndarray:
     Returns
     -------
     ndarray, shape (quantity, quantity)
-        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly as the structure does. What the
+        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly, as the structure does. What the
         window misses because the terms are taken about their own mean, 3/4 K/T, is put back.
     """
     samples, count = series.shape
@@ -204,7 +204,7 @@ def residual_warnings(
     law : Discrepancy
         The law that was assumed.
     too_small_by : mapping of str to float, or None
-        Robust over posterior standard deviation of the model's parameters; None where it is not known.
+        Ratio of robust to posterior standard deviation of the model's parameters; None where it is not known.
 
     Returns
     -------

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
 """A population for each replica; the replicas are tempered side by side."""
 LEVEL = 0.01
-"""Probability with which right ranks would be called wrong."""
+"""Probability that correct ranks are called wrong."""
 ENOUGH_REPLICAS = 100
-"""Fewer replicas see gross mistakes alone."""
+"""Fewer replicas reveal only gross mistakes."""
 FEWEST_REPLICAS = 20
-"""Fewer replicas tell nothing of a distribution."""
+"""Fewer replicas say nothing about a distribution."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class Ranks:
     ranks : ndarray, shape (replica, parameter)
         How many of each replica's last particles lie below the truth.
     particles : int
-        How many those are: ranks go from 0 to this number.
+        Number of those particles: ranks go from 0 to this number.
     """
 
     names: tuple[str, ...]
@@ -70,7 +70,7 @@ class Ranks:
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Probability of ranks as uneven as these were they uniform, by χ² over bins, shape (parameter,)."""
+        """Probability that uniform ranks come out as uneven as these, by χ² over bins, shape (parameter,)."""
         counts = self.histogram(self.bins)
         return np.asarray(scipy.stats.chisquare(counts, axis=1).pvalue)
 
@@ -92,7 +92,7 @@ class Ranks:
         ndarray, shape (parameter, bin)
             Replicas in each.
         """
-        # Ranks are whole numbers: jittered within theirs, bins that do not divide them have equal probability.
+        # Ranks are whole numbers. Jittered within theirs, they give equal probability to bins that do not divide them evenly.
         rng = stream(0, Purpose.RANK_JITTER)
         place = (self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1)
         return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in place.T])
@@ -113,7 +113,7 @@ class Ranks:
         Returns
         -------
         ndarray, shape (parameter,)
-            Equal to `probability` but for the finite number of replicas, if all is well.
+            If all is well, equal to `probability` up to the finite number of replicas.
         """
         tail = 0.5 * (1.0 - probability)
         low, high = np.quantile(self.draws, [tail, 1.0 - tail], axis=1)
@@ -159,7 +159,7 @@ class Ranks:
         Returns
         -------
         Figure
-            A panel a parameter.
+            One panel per parameter.
         """
         from structid.figures.calibration import ranks
 
@@ -180,14 +180,14 @@ def sbc(
 ) -> Ranks:
     """Simulate measurements with parameters drawn from the prior, and calibrate to each.
 
-    The replicas are sampled side by side by tempered SMC, a population each. The prior of an error variance that depends on the
-    measurement is that of the posterior's own, for all replicas.
+    The replicas are sampled side by side by tempered SMC, one population each. Where the prior of an error variance depends on
+    the measurement, all replicas use the prior that the posterior's own measurement gives.
 
     Parameters
     ----------
     posterior : Posterior
-        On any model. What was measured in it does not matter but for that. An expensive solver is run a million times: fit a
-        surrogate to it over the whole prior, and give the solver as `simulator`.
+        On any model. Its measurements matter only for the prior above. An expensive solver would be run a million times: instead,
+        fit a surrogate to it over the whole prior, and give the solver as `simulator`.
     replicas : int
         How many.
     seed : int
@@ -195,12 +195,12 @@ def sbc(
     explorer : SMC
         Particles of a replica, and their moves.
     simulator : Model, optional
-        What simulates the measurements, if not the posterior's own model: the model behind a surrogate, so that the surrogate's
-        error is put to the test too.
+        What simulates the measurements, if not the posterior's own model. Give the model behind a surrogate, to put the
+        surrogate's error to the test too.
     noise : Discrepancy, optional
-        What disturbs them, if not the posterior's own law; its parameters must be known.
+        The law of the errors added to them, if not the posterior's own. Its parameters must be known.
     progress : callable, optional
-        Called with how many hundredths are done, and a hundred.
+        Called with the percentage done and 100.
 
     Returns
     -------
@@ -260,7 +260,7 @@ def _simulated(
 
 
 class ReplicatedPosterior(Target):
-    """The posteriors of many measurements side by side: points come replica by replica, as many for each.
+    """The posteriors of many measurements side by side: points come replica by replica, equally many for each.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ class ReplicatedPosterior(Target):
 
     @cached_property
     def _measured(self) -> tuple[Measured, ...]:
-        """What the likelihood takes of each observation in all replicas."""
+        """What the likelihood takes from each observation in all replicas."""
         bounds = self._posterior.likelihood.of
         return tuple(bound.measured_as(values) for bound, values in zip(bounds, self._values, strict=True))
 
@@ -297,7 +297,7 @@ class ReplicatedPosterior(Target):
         return over_runs(parts, shard=self._posterior.likelihood.loops_over_time)
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Prior and likelihood apart; see `Target.evaluate_parts`.
+        """Log prior and log-likelihood; see `Target.evaluate_parts`.
 
         Parameters
         ----------

@@ -11,7 +11,7 @@ from structid.units import label
 
 @dataclass(frozen=True)
 class Summary:
-    """Posterior moments, quantiles, best point and diagnostics, a row a parameter, in display units.
+    """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units.
 
     Parameters
     ----------

@@ -18,13 +18,13 @@ def in_batches(
     Parameters
     ----------
     function : callable
-        ``function(rows, data)`` to a tuple of arrays with a leading run axis.
+        ``function(rows, data)`` returns a tuple of arrays with a leading run axis.
     rows : ndarray, shape (run, …)
         One for each run.
     data : tree of arrays
         The same for all.
     size : int
-        Runs of a batch at most.
+        Largest number of runs in a batch.
 
     Returns
     -------

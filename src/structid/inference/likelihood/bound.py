@@ -1,6 +1,6 @@
 """The likelihood of one observation: record, values, nuisances, discrepancy and shortcut in one piece.
 
-Whoever needs a likelihood asks here: the posterior, the misfit, responses that are there already, and the simulated measurements of
+Every likelihood is computed here: for the posterior, the misfit, responses computed beforehand, and the simulated measurements of
 a simulation-based calibration. It is traced inside JAX, or computed on the host for a model that is not a JAX function.
 """
 
@@ -25,7 +25,7 @@ from structid.probability.truncation import Marginal
 
 @dataclass(frozen=True)
 class Measured:
-    """What a traced likelihood takes of an observation: arguments of the compiled density, not constants in it.
+    """What a traced likelihood takes from an observation: arguments of the compiled density, not constants in it.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Measured:
     values : array, shape (time, channel, measurement or run)
         What was measured: one measurement for all runs, or each run its own.
     shortcut : Shortcut or None
-        A shorter way to the likelihood than by the response.
+        A shorter way to the likelihood than through the response.
     """
 
     excitation: TracedExcitation
@@ -62,7 +62,7 @@ jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", 
 
 
 def own_priors(observation: Observation, discrepancy: Discrepancy) -> dict[str, Marginal]:
-    """Priors of what an observation has beside the model's parameters.
+    """Priors of the parameters that an observation has besides the model's.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class BoundLikelihood:
         return self.observation.transmit(response, self.unknowns(theta))
 
     def given(self, response: Any, theta: Any, values: Any) -> Any:
-        """Log-likelihood for responses that are there already, inside JAX.
+        """Log-likelihood of responses computed beforehand, inside JAX.
 
         Parameters
         ----------
@@ -168,7 +168,7 @@ class BoundLikelihood:
         return self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
 
     def of_squares(self, squares: Any, theta: Any) -> Any:
-        """Log-likelihood for sums of squared residuals, inside JAX; where it asks for no more.
+        """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more.
 
         Parameters
         ----------
@@ -187,18 +187,18 @@ class BoundLikelihood:
 
     @property
     def needs_only_squares(self) -> bool:
-        """Whether discrepancy and instrument ask for no more than a sum of squares."""
+        """Whether discrepancy and instrument need no more than a sum of squares."""
         return self.discrepancy.independent and not self.observation.nuisances()
 
     # --- inside JAX ---------------------------------------------------------------------------------------------
 
     @cached_property
     def measured(self) -> Measured:
-        """What the traced likelihood takes of the observation."""
+        """What the traced likelihood takes from the observation."""
         return self.measured_as(self.observation.values[:, :, None])
 
     def measured_as(self, values: np.ndarray) -> Measured:
-        """Put other measurements in the place of the observation's.
+        """Use other measurements instead of the observation's.
 
         Parameters
         ----------
@@ -273,13 +273,13 @@ class BoundLikelihood:
         map : callable or None
             Does several runs at a time, like ``Executor.map``.
         values : ndarray, shape (time, channel, 1 or run), optional
-            Measurements in the place of the observation's.
+            Measurements to use instead of the observation's.
 
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log-likelihood, −inf where there is no response to the end; and which runs failed. A run in which the structure failed
-            is none of them: parameters that let it collapse are impossible, and that is an answer.
+            Log-likelihood, −inf where the response does not reach the end; and which runs failed. A run in which the structure
+            failed is not among them: parameters that let it collapse are impossible, and that is an answer.
         """
         run = self.model.simulate(parameters, self.observation.record, map=map)
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)

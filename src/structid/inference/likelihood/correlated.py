@@ -31,21 +31,21 @@ State = tuple[Any, Any]
 """Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all before it."""
 
 Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
-"""From a state and what is measured then to the next state, and to the prediction's error v and precision 1/S."""
+"""Maps a state and the values measured then to the next state and to the prediction's error v and precision 1/S."""
 
 HUGE = 1e100
-"""Unit of a product of numbers from 1 to 1/SMALLEST_WHITE that may grow beyond what a float holds."""
+"""Unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed what a float holds."""
 
 SMALLEST_WHITE = 1e-10
-"""Of the variance of the correlated part: added to the white variance, so that a smooth process stays regular."""
+"""Share of the correlated part's variance that is added to the white variance, so that a smooth process stays regular."""
 
 
 @dataclass(frozen=True, eq=False)
 class Correlated(Discrepancy):
     """What the correlated laws share: a variance, a white variance, and the parameters of a kernel.
 
-    Every parameter is known (a number), has a prior (a Marginal), or is left out: then variances have the prior U(0, max|y|²), and
-    times and frequencies a lognormal one that spans what the measurement can tell.
+    Every parameter is known (a number), has a prior (a Marginal), or is left out. If left out, a variance has the prior
+    U(0, max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Correlated(Discrepancy):
     @classmethod
     @abstractmethod
     def _shapes(cls) -> tuple[str, ...]:
-        """Names of the kernel's parameters beside its variance."""
+        """Names of the kernel's parameters besides its variance."""
 
     @abstractmethod
     def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
@@ -227,7 +227,7 @@ class Correlated(Discrepancy):
         start, step, first = self._filter(residual, unknown, channels, dt, white)
 
         def sample(carry: Any, measured: Any) -> tuple[Any, None]:
-            # A logarithm costs more than all the rest of a step: that of Π S₁/S is taken once, of a product in units of HUGE.
+            # A logarithm costs more than the rest of a step. So log Π S₁/S is taken once, of a product in units of HUGE.
             state, squares, product, units = carry
             state, (error, precision) = step(state, measured)
             product = product * (first * precision)
@@ -352,6 +352,6 @@ def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
 
 
 def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:
-    """What a parameter is called among a posterior's."""
+    """Name of a parameter among those of a posterior."""
     plain = {"variance": "sigma2", "white": "sigma2_white"}.get(parameter, parameter)
     return f"{plain}_{channel}" if len(channels) > 1 else plain

@@ -15,12 +15,12 @@ class Discrepancy(ABC):
     """A law of ε with parameters of its own, which are inferred with the model's."""
 
     independent: ClassVar[bool] = False
-    """Whether errors are independent and normal: the likelihood then sees of a residual only the sum of its squares over time."""
+    """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
 
     def log_likelihood_of_squares(
         self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Any:
-        """Log density of a residual by the sum of its squares, inside JAX; for laws that see only that.
+        """Log density of a residual from its sum of squares, inside JAX; for laws that need only that.
 
         Parameters
         ----------

@@ -27,7 +27,7 @@ class GivenResponses:
         self._squares = [self._sum_of_squares(i) for i in range(len(responses))]
 
     def _sum_of_squares(self, index: int) -> np.ndarray | None:
-        """Σ (y − M)² (channel, run), where the likelihood sees no more."""
+        """Σ (y − M)² (channel, run), where the likelihood needs no more."""
         bound = self._likelihood.of[index]
         if not bound.needs_only_squares:
             return None

@@ -145,7 +145,7 @@ class IID(Discrepancy):
     def log_likelihood_of_squares(
         self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
     ) -> Any:
-        """Log density by the sum of squares; see `Discrepancy.log_likelihood_of_squares`.
+        """Log density from the sum of squares; see `Discrepancy.log_likelihood_of_squares`.
 
         Parameters
         ----------

@@ -174,12 +174,12 @@ class JointLikelihood:
         inside : ndarray of bool, shape (run,)
             Runs to be done: those inside the support of the prior.
         values : sequence of ndarray, shape (time, channel, run), optional
-            Measurements of each observation in the place of its own, each run its own.
+            Measurements to use instead of each observation's own, one for each run.
 
         Returns
         -------
         tuple of ndarray, shape (run,)
-            Log-likelihood, −inf where it cannot be had; and which runs failed.
+            Log-likelihood, −inf where it cannot be computed; and which runs failed.
         """
         likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
         rows = np.flatnonzero(inside)
@@ -195,7 +195,7 @@ class JointLikelihood:
         return likelihood, failed
 
     def predict(self, theta: np.ndarray, index: int, progress: Progress | None = None) -> np.ndarray:
-        """Prediction of one observation, instrument included, without discrepancy.
+        """Prediction of one observation, including the instrument, without discrepancy.
 
         Parameters
         ----------

@@ -23,7 +23,7 @@ def _spanning(low: float, high: float, unit: str) -> Marginal:
 
 @dataclass(frozen=True, eq=False)
 class CorrelatedInTime(Correlated):
-    """Laws whose kernel has one parameter beside its variance, a correlation time.
+    """Laws whose kernel has one parameter besides its variance, a correlation time.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Matern32(CorrelatedInTime):
 class DampedCosine(Correlated):
     """Kernel of a stochastic harmonic oscillator, σ² e^{−ητ} (cos ωτ + η/ω sin ωτ), plus white noise.
 
-    η = ζω₀ and ω = ω₀√(1 − ζ²): what a wrong structural model leaves is of narrow band, about the frequency of the structure.
+    η = ζω₀ and ω = ω₀√(1 − ζ²): the residual of a wrong structural model is narrow-band, around the frequency of the structure.
 
     Parameters
     ----------

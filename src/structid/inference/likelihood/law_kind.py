@@ -1,4 +1,4 @@
-"""What a law of the discrepancy says of itself, so that a study file can name it."""
+"""What a law of the discrepancy says about itself, so that a study file can name it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 SQUARED = "squared channel"
-"""In the place of a unit: the square of the channel's SI unit."""
+"""Stands for a unit: the square of the channel's SI unit."""
 
 
 @dataclass(frozen=True, eq=False)

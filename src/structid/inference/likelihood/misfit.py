@@ -79,7 +79,7 @@ class Misfit:
         return jnp.concatenate(parts)
 
     def _by_squares(self, theta: Any, data: Any) -> Any:
-        """J(θ) of a model that has a shorter way to it than the residuals, shape (run,); None where there is none."""
+        """J(θ) by a shorter way than through the residuals, shape (run,); None for a model that has no such way."""
         if any(measured.shortcut is None for measured in data) or any(o.nuisances() for o in self._observations):
             return None
         parameters = self._likelihood.model_parameters(self._with_rest(theta))

@@ -39,11 +39,11 @@ class Observation:
     dt : float, optional
         Its time step [s], to be checked against the record's.
     name : str
-        What to call it.
+        Name of the observation.
     gain, offset, time_shift : Marginal, optional
         Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
     units : mapping of str to str, optional
-        What tables and figures show a channel in whose name is not a standard one.
+        Units in which tables and figures show channels whose names are not standard ones.
 
     Raises
     ------
@@ -145,12 +145,12 @@ class Observation:
         return cls(record, values, (channel,), step, str(path), units=units, **nuisances)
 
     def channel_unit(self, channel: str) -> ChannelUnit:
-        """Units of a channel: as declared, or as its standard name has them.
+        """Units of a channel: as declared, or as its standard name defines them.
 
         Parameters
         ----------
         channel : str
-            One that was measured.
+            A measured channel.
 
         Returns
         -------

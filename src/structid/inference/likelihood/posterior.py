@@ -43,14 +43,14 @@ class Posterior(Target):
     discrepancy : Discrepancy
         The law of the difference between model and measurement.
     map : callable, optional
-        Spreads the runs of an external model, like ``Executor.map``.
+        Maps the runs of an external model, like ``Executor.map``.
     refuse_unfit : bool
-        Refuse a surrogate with an error past its limit.
+        Refuse a surrogate whose error exceeds its limit.
     model_error : bool
         Add a surrogate's own variance to that of the discrepancy. Where the surrogate is unsure, the data then count for less. For
         a `PODKriging` or `PODPCE` of one channel and independent errors, the surrogate's error is integrated out exactly. Otherwise
-        its mean over time counts as white noise. Do not use this with a surrogate that is unsure over large parts of the prior:
-        where its variance is as large as the response, any measurement is explained, and the posterior moves there.
+        its variance, averaged over time, counts as white noise. Do not use this with a surrogate that is unsure over large parts
+        of the prior: where its variance is as large as the response, any measurement is explained, and the posterior moves there.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Posterior(Target):
             self.model.check_excitation(observation.record)
 
     def _like(self, **changes: Any) -> Posterior:
-        """The same posterior but for some of its settings; fitness is not asked again."""
+        """The same posterior except for some of its settings; the surrogate's fitness is not checked again."""
         settings: dict[str, Any] = {
             "space": self.model_space,
             "model": self.model,
@@ -105,7 +105,7 @@ class Posterior(Target):
 
     @property
     def knows_prior(self) -> bool:
-        """Always: prior and likelihood can be told apart."""
+        """Always: prior and likelihood can be evaluated separately."""
         return True
 
     @property
@@ -126,7 +126,7 @@ class Posterior(Target):
         return lambda phi, data: self._in_coordinates(phi, data)[0], self.data
 
     def mapped_by(self, map: Map | None) -> Posterior:
-        """Return the same posterior with the runs of an external solver done by a map.
+        """Return the same posterior, with a map that does the runs of an external solver.
 
         Parameters
         ----------
@@ -141,19 +141,19 @@ class Posterior(Target):
         return self._like(map=map)
 
     def on(self, model: Model, refuse_unfit: bool = True) -> Posterior:
-        """Return the posterior of the same parameters and measurements on another model, such as a surrogate.
+        """Return the posterior of the same parameters and measurements under another model, such as a surrogate.
 
         Parameters
         ----------
         model : Model
             The model.
         refuse_unfit : bool
-            Refuse a surrogate with an error past its limit.
+            Refuse a surrogate whose error exceeds its limit.
 
         Returns
         -------
         Posterior
-            With that model in the place of this one's.
+            With that model instead of this one's.
         """
         return self._like(model=model, refuse_unfit=refuse_unfit)
 
@@ -243,7 +243,7 @@ class Posterior(Target):
         return density + jacobian, failed
 
     def parts_in_coordinates(self, phi: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
-        """Prior and likelihood apart, inside JAX.
+        """Log prior and log-likelihood, inside JAX.
 
         Parameters
         ----------
@@ -333,7 +333,7 @@ class Posterior(Target):
         return density + jacobian, failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Prior and likelihood apart; see `Target.evaluate_parts`.
+        """Log prior and log-likelihood; see `Target.evaluate_parts`.
 
         Parameters
         ----------
@@ -353,7 +353,7 @@ class Posterior(Target):
         return self.space.log_density(theta) + jacobian, likelihood, failed
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
-        """Put responses that are already there, such as the runs of a campaign, in the place of the model's.
+        """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
 
         Parameters
         ----------
@@ -368,7 +368,7 @@ class Posterior(Target):
         return GivenResponses(self.likelihood, responses)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
-        """Prediction of one observation, instrument included, without discrepancy.
+        """Prediction of one observation, including the instrument, without discrepancy.
 
         Parameters
         ----------

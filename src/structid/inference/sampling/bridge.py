@@ -15,9 +15,10 @@ from structid.inference.sampling.sampler import Evidence
 def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) -> Evidence:
     """Evidence from the particles of all stages.
 
-    Weighing and drawing anew should leave particles of the next exponent's law, which moves do not change on average. Where a
-    narrow peak takes over, too few of them are on it: they lag behind, and their mean log-likelihood rises while they move. Of
-    such a deficit D the share ρ is left when they correlate by ρ with where they began: after a rise of (1 − ρ) D, ρ D.
+    After weighting and resampling, the particles should follow the law of the next exponent, which moves do not change on
+    average. Where a narrow peak takes over, too few of them are on it. They lag behind, and their mean log-likelihood rises while
+    they move. When their correlation with where they began has fallen to ρ, the share ρ of such a deficit D is left: after a rise
+    of (1 − ρ) D, ρ D is missing.
 
     Parameters
     ----------
@@ -41,7 +42,8 @@ def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) ->
             increment = then.exponent - now.exponent
             ratio, own = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
             each[row] += ratio
-            # Stages that correlate by ρ, each with the next, add up to a variance (1 + ρ) / (1 − ρ) times that of independent ones.
+            # If each stage correlates by ρ with the next, the variance of their sum is (1 + ρ) / (1 − ρ) times that of
+            # independent ones.
             variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
     # log Z = ∫ ⟨log L⟩ dβ (thermodynamic integration): what mean log-likelihoods lack, log Z lacks.
     lacking = scipy.integrate.trapezoid(
@@ -53,7 +55,7 @@ def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) ->
 def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
     """Log Z₁/Z₀ of two densities from draws of both (C. H. Bennett 1976, doi 10.1016/0021-9991(76)90078-4).
 
-    With f(x) = 1/(1 + eˣ) and as many draws of each, log Z₁/Z₀ is the C of Σ₀ f(C − w) = Σ₁ f(w − C).
+    With f(x) = 1/(1 + eˣ) and equally many draws of each, log Z₁/Z₀ is the C that solves Σ₀ f(C − w) = Σ₁ f(w − C).
 
     Parameters
     ----------

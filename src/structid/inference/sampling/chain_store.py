@@ -14,7 +14,7 @@ from structid.errors import InputError
 from structid.journal import Journal, compare_identity
 
 SCHEMA = 4
-"""Version of the layout inside the file, and of the moves that lead on from it."""
+"""Version of the layout inside the file, and of the moves that continue from it."""
 
 
 class ChainStore:

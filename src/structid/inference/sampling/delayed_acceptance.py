@@ -22,42 +22,42 @@ from structid.models.face import Model, Progress
 from structid.streams import Purpose, stream
 
 START_TRIES = 5
-"""Rounds of looking for starting points at which the model itself has a density."""
+"""Rounds of searching for starting points at which the model itself has a finite density."""
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
 """Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
-"""Every so many steps is a plain ensemble move without the surrogate: walkers where it gives far too little density would never
-leave. With a poor surrogate, below `GOOD_ACCEPTANCE`, more of them are."""
+"""Interval [steps] of plain ensemble moves without the surrogate: without them, walkers where it gives far too little density
+would never leave. The second interval is for a poor surrogate, below `GOOD_ACCEPTANCE`."""
 DECORRELATED = 0.2
-"""Correlation of a sub-chain's ends from which a longer one gains little; of 128 walkers it is known to 0.1."""
+"""Correlation between a sub-chain's ends below which a longer one gains little. With 128 walkers it is known to 0.1."""
 
 
 @dataclass(frozen=True, eq=False)
 class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.
 
-    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s: stretch and
-    differential-evolution moves that look only at the resting half, which stays where it is, and independence moves by a law that
-    is learnt in the first steps. Where it ends, x′, is one proposal, accepted with min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}: a run of
-    the model for each. Every twentieth step, with a poor surrogate every third, is a plain ensemble move, so that the chain is
-    never worse by much than one without a surrogate.
+    Every walker x of the moving half of an ensemble makes L moves under the surrogate's posterior π_s. These are stretch and
+    differential-evolution moves, which look only at the resting half, and independence moves from a law learnt in the first
+    steps. The end point x′ is one proposal. It costs one run of the model and is accepted with probability
+    min{1, π(x′) π_s(x) / [π(x) π_s(x′)]}. Every twentieth step (every third with a poor surrogate) is a plain ensemble move, so
+    that the chain is never much worse than one without a surrogate.
 
     Parameters
     ----------
     approximation : Surrogate, Model or Target
-        What makes the proposals: a model in the place of the posterior's, or a density of the same parameters. A study gives the
+        What makes the proposals: a model used instead of the posterior's, or a density of the same parameters. A study gives the
         surrogate it has fitted.
     walkers : int
         Walkers in an ensemble, even and at least twice the number of parameters.
     steps : int
-        Steps of every walker: so many runs of the model each.
+        Steps of every walker, each of which is one run of the model.
     ensembles : int
-        Ensembles that know of one another only while the law of the independence moves is learnt; R-hat compares them.
+        Ensembles, independent of one another once the law of the independence moves is learnt. R-hat compares them.
     discard : float
         Fraction of the steps dropped at the start.
     tuning : int
-        First steps during which L is tuned by the acceptance, and the law of the independence moves is learnt; they must lie within
-        the discarded part. With 1 or none that law is always of the resting half alone.
+        Number of first steps during which L is tuned by the acceptance and the law of the independence moves is learnt. They must
+        lie within the discarded part. With 1 or 0, that law is always fitted to the resting half alone.
     sub_steps : int
         L to begin with.
     most_sub_steps : int
@@ -67,7 +67,7 @@ class DelayedAcceptance(Sampler):
     independent : float
         Fraction of the moves that are independence moves: drawn from a law fitted to all walkers of the later half of the tuning.
     differential_evolution : float
-        Fraction of the other moves that are differential-evolution moves in the place of the stretch.
+        Fraction of the other moves that are differential-evolution moves instead of stretch moves.
     """
 
     approximation: Model | Target | None = field(default=None, repr=False)
@@ -82,7 +82,7 @@ class DelayedAcceptance(Sampler):
     independent: float = 0.5
     differential_evolution: float = 0.5
 
-    # Sub-chains are made as long as the surrogate's posterior forgets in.
+    # A sub-chain is as long as a walker needs to forget its start under the surrogate's posterior.
     needed_length: ClassVar[float] = 5.0
     exact: ClassVar[bool] = True
 
@@ -170,7 +170,7 @@ class DelayedAcceptance(Sampler):
         seed : int
             Seed.
         start : ndarray (point, parameter) or None
-            Points in SI among which the walkers start; those of the tempered surrogate posterior when left out.
+            Points in SI from which the walkers' starts are chosen; draws of the tempered surrogate posterior when left out.
         blocks : list of dict
             What is already on disk; a block is one step.
         keep : callable
@@ -227,9 +227,9 @@ class DelayedAcceptance(Sampler):
         return Moves(self.stretch, self.differential_evolution, self.independent, law)
 
     def _learnt_law(self, blocks: list[Block]) -> IndependenceLaw | None:
-        """Law of all walkers in the later half of the steps that tune, many more than rest in one ensemble; then it stays so.
+        """Law of all walkers in the later half of the tuning steps, many more than rest in one ensemble. It then stays fixed.
 
-        None before there is a step, for where walkers start may be anything.
+        None before the first step, since walkers may start anywhere.
         """
         last = min(len(blocks), self.tuning)
         learnt = [TwoStageState.of(block) for block in blocks[max(1, last // 2) : last]]
@@ -308,7 +308,7 @@ class DelayedAcceptance(Sampler):
             proposal, value = half
             surrogate_runs += length * value.size
             ends[:, moving] = proposal
-            # From where the surrogate gives no density, nothing can be accepted.
+            # From a point where the surrogate gives no density, nothing can be accepted.
             moved = (proposal != phi[:, moving]).any(axis=2) & np.isfinite(log_surrogate[:, moving])
             proposals += int(moved.sum())
             new_true, count, failed = _true_density(target, proposal, moved)
@@ -339,7 +339,7 @@ class DelayedAcceptance(Sampler):
         rng: np.random.Generator,
     ) -> Block:
         """The same by a single ensemble move, without the surrogate."""
-        # A law that was learnt under a poor surrogate is no guess of the posterior; one of the half at rest is, always.
+        # A law learnt under a poor surrogate does not approximate the posterior; one fitted to the resting half always does.
         state, moves = state.copied(), self._moves()
         accepted, failed_runs = np.zeros(state.log_density.shape, dtype=bool), 0
         for moving, resting in halves(self.walkers):
@@ -440,8 +440,8 @@ def _block(
 def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
     density = np.full(moved.shape, -np.inf)
-    # An external solver is spared the runs of sub-chains that went nowhere; batches of a built-in one stay of one size, since
-    # each size is compiled.
+    # An external solver is spared the runs of sub-chains that went nowhere. Batches of a built-in one keep one size, since each
+    # size is compiled.
     rows = moved if target.costs_runs else np.ones_like(moved)
     if not rows.any():
         return density, 0, 0

@@ -29,7 +29,7 @@ from structid.models.face import Progress
 from structid.streams import Purpose, stream
 
 SETTLING_GAP = 30.0
-"""Nats below the median from which a walker is taken to be caught in a false mode while the ensemble settles."""
+"""While the ensemble settles, a walker this many nats below the median is taken to be caught in a false mode."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 
@@ -49,16 +49,16 @@ class AIES(Sampler):
     stretch : float
         a of the stretch move: Z ~ 1/√z on [1/a, a].
     differential_evolution : float
-        Fraction of the steps that use a differential-evolution move in the place of the stretch.
+        Fraction of the steps that use a differential-evolution move instead of the stretch move.
     discard : float
         Fraction of the steps dropped at the start.
     start_candidates : int
         Points drawn from the prior for every walker; a walker starts at one of them, chosen with a probability that grows
         with its density rank. 1 starts from plain prior draws.
     settling_steps : int
-        During this many first steps, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
-        their ensemble's median are put where a random healthy walker of that ensemble is. It frees walkers caught in a
-        false mode; it is no Markov move, so these steps must lie within the discarded part.
+        Number of first steps during which, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
+        their ensemble's median are moved to a random healthy walker of that ensemble. This frees walkers caught in a false mode.
+        It is not a Markov move, so these steps must lie within the discarded part.
     """
 
     walkers: int = 100
@@ -134,7 +134,7 @@ class AIES(Sampler):
         seed : int
             Seed.
         start : ndarray (point, parameter) or None
-            Points in SI among which the walkers start; drawn from the target when left out.
+            Points in SI from which the walkers' starts are chosen; drawn from the target when left out.
         blocks : list of dict
             What is already on disk.
         keep : callable
@@ -191,7 +191,7 @@ def starting_state(
     Raises
     ------
     ConvergenceError
-        If the density is finite almost nowhere the target suggests.
+        If the density is finite at almost none of the points that the target suggests.
     """
     if settings.walkers < 2 * target.dimension:
         raise InputError(
@@ -232,7 +232,7 @@ def starting_state(
 
 
 def _chosen(target: Target, points: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Draw starting points from given ones, each used as seldom as possible."""
+    """Draw starting points from given ones, repeating each as rarely as possible."""
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
     if points.shape[1] != target.dimension or len(points) < 2 * target.dimension:
         raise InputError(
@@ -287,7 +287,7 @@ def run_block(
 
 
 def settle(state: EnsembleState, seed: int, index: int) -> EnsembleState:
-    """Put walkers caught in a false mode where healthy ones of their ensemble are.
+    """Move walkers caught in a false mode to healthy ones of their ensemble.
 
     Parameters
     ----------

@@ -37,8 +37,8 @@ START_TRIES = 20
 class NUTS(Sampler):
     """Settings of the No-U-Turn sampler.
 
-    Chains start at draws of the tempered posterior where the target knows its prior, at its starting points otherwise. During the
-    warm-up each learns its step and its dense mass matrix; then it draws.
+    Chains start at draws of the tempered posterior if the target knows its prior, and at the target's starting points otherwise.
+    During the warm-up, each chain learns its step size and its dense mass matrix. Then it draws.
 
     Parameters
     ----------
@@ -49,9 +49,9 @@ class NUTS(Sampler):
     warm_up : int
         Steps of the warm-up; they are not kept.
     target_acceptance : float
-        Mean acceptance that the step is tuned to.
+        Mean acceptance to which the step size is tuned.
     deepest : int
-        Doublings of a trajectory at most.
+        Largest number of doublings of a trajectory.
     """
 
     steps: int = 1000
@@ -80,7 +80,7 @@ class NUTS(Sampler):
 
     @property
     def walkers(self) -> int:
-        """One: chains know nothing of one another."""
+        """One: chains are independent of one another."""
         return 1
 
     def describe(self) -> dict[str, float | str]:
@@ -116,7 +116,7 @@ class NUTS(Sampler):
         seed : int
             Seed.
         start : ndarray (point, parameter) or None
-            Points in SI among which the chains start.
+            Points in SI from which the chains' starts are chosen.
         blocks : list of dict
             What is already on disk: the warm-up, then the draws.
         keep : callable

@@ -18,15 +18,15 @@ from scipy.special import logsumexp
 from structid.inference.target import Target
 
 DEGREES_OF_FREEDOM = 10.0
-"""Of the laws that an independence move draws from: tails heavier than a Gaussian's, so that far walkers are not left there."""
+"""Of the laws that an independence move draws from. Their tails are heavier than a Gaussian's, to reach far walkers too."""
 LAYERS = ((1.0, 0.7), (0.5, 0.1), (0.25, 0.1), (0.125, 0.1))
-"""Of these laws: the share of the walkers, the densest, that each is fitted to, and its share of the moves."""
+"""For each of these laws: the share of the walkers, those of highest density, it is fitted to, and its share of the moves."""
 Kind = Literal["independent", "differential evolution", "stretch"]
-"""Of a move: all walkers that move make the same."""
+"""Kind of a move: all moving walkers make the same one."""
 
 
 class EnsembleState(NamedTuple):
-    """Where every walker is, or those of one half.
+    """Positions of all walkers, or of one half of them.
 
     Parameters
     ----------
@@ -118,8 +118,8 @@ def differential_proposal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differential-evolution move.
 
-    x* = x_i + γ (x_j − x_k) with two different walkers of the resting half and γ = 2.38/√(2d), in a tenth of the moves γ = 1
-    (which jumps between modes), each γ varied by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
+    x* = x_i + γ (x_j − x_k) with two different walkers of the resting half. γ is 2.38/√(2d), or 1 in a tenth of the moves (which
+    jumps between modes), and is varied by 5 %. The law of γ does not depend on the walkers, so the move is symmetric.
 
     Parameters
     ----------
@@ -146,9 +146,9 @@ def differential_proposal(
 class IndependenceLaw(NamedTuple):
     """A mixture of Student laws from which independence moves are drawn.
 
-    Each is of `DEGREES_OF_FREEDOM`, about the mean of some walkers with their covariance for a scale: of all, or of the densest, as
-    `LAYERS` says. Where a narrow peak rises out of a wide slope, the law of all walkers hardly ever proposes the peak, and those
-    that are in it would not leave.
+    Each has `DEGREES_OF_FREEDOM`, and the mean and covariance of some walkers as its centre and scale: of all, or of those of
+    highest density, as `LAYERS` says. Where a narrow peak rises out of a wide slope, the law of all walkers hardly ever proposes
+    the peak, and walkers in it would not leave.
 
     Parameters
     ----------
@@ -166,18 +166,18 @@ class IndependenceLaw(NamedTuple):
 
     @classmethod
     def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
-        """The law of some walkers, for every ensemble its own.
+        """Fit a law to some walkers, a separate one for each ensemble.
 
         Parameters
         ----------
         walkers : EnsembleState
-            Others than those that it moves, or of the past of a chain, whose law then stays as it is. Of their density only the
-            order counts.
+            Walkers other than those the law will move, or walkers from the past of a chain, whose law is then fixed. Only the
+            order of their densities counts.
 
         Returns
         -------
         IndependenceLaw
-            What they let one guess of the posterior.
+            An approximation of the posterior.
         """
         sizes = _layers(*walkers.phi.shape[1:])
         middle, factor = _layered(walkers, list(sizes))
@@ -225,7 +225,7 @@ class IndependenceLaw(NamedTuple):
         )
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        """Log q, but for a constant.
+        """Log q, up to a constant.
 
         Parameters
         ----------
@@ -256,7 +256,7 @@ def _layers(walkers: int, dimension: int) -> dict[int, float]:
 
 
 def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and Cholesky factor of the covariance of the densest so many walkers, for several such numbers.
+    """Mean and Cholesky factor of the covariance of the walkers of highest density, for several numbers of them.
 
     Shapes (ensemble, layer, parameter) and (ensemble, layer, parameter, parameter).
     """
@@ -279,8 +279,8 @@ def independent_proposal(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
-    x* is drawn from a law q, wherever x_i is, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. What is accepted has
-    forgotten where it came from.
+    x* is drawn from a law q that does not depend on x_i, and accepted with min{1, π(x*) q(x_i) / (π(x_i) q(x*))}. An accepted
+    walker has forgotten where it came from.
 
     Parameters
     ----------
@@ -313,7 +313,7 @@ class Moves:
     independent : float
         Fraction of independence moves.
     law : IndependenceLaw, optional
-        What those are drawn from; fitted to the resting half, anew for each of them, when left out.
+        The law they are drawn from. When left out, it is fitted to the resting half for each of them.
     """
 
     stretch: float
@@ -339,9 +339,9 @@ class Moves:
         return "differential evolution" if rng.random() < self.differential_evolution else "stretch"
 
     def there_and_back(self, rng: np.random.Generator, count: int) -> list[Kind]:
-        """Draw the kinds of several moves that together are as reversible as each alone.
+        """Draw the kinds of several moves that are reversible together, as each is alone.
 
-        P_a P_b, of two moves that are reversible each, is not reversible, but P_a P_b P_a and P_a P_b P_b P_a are.
+        If two moves are each reversible, P_a P_b is not, but P_a P_b P_a and P_a P_b P_b P_a are.
 
         Parameters
         ----------
@@ -370,7 +370,7 @@ class Moves:
         kind : str
             Of the move.
         moving : ndarray, shape (ensemble, walker, parameter)
-            Where the half is that moves.
+            Where the moving half is.
         resting : EnsembleState
             The other half.
 
@@ -394,7 +394,7 @@ def move_walkers(
     moves: Moves,
     kind: Kind | None = None,
 ) -> tuple[np.ndarray, int]:
-    """Move one half of every ensemble, in place: one batched call of the target.
+    """Move one half of every ensemble, in place, with one batched call of the target.
 
     Parameters
     ----------
@@ -409,7 +409,7 @@ def move_walkers(
     moves : Moves
         Which moves.
     kind : str, optional
-        Of this one; drawn when left out.
+        Kind of this move; drawn when left out.
 
     Returns
     -------
@@ -419,7 +419,7 @@ def move_walkers(
     proposal, log_factor = moves.propose(rng, moves.kind(rng) if kind is None else kind, moving.phi, resting)
     value, failed = target.evaluate(proposal.reshape(-1, proposal.shape[2]))
     value = value.reshape(log_factor.shape)
-    # Sums, not differences: a walker may be where a surrogate gives no density, and −inf − (−inf) is nothing.
+    # Sums, not differences: a walker may be where a surrogate gives no density, and −inf − (−inf) is NaN.
     accepted = np.log(rng.random(log_factor.shape)) + moving.log_density < log_factor + value
     moving.phi[accepted], moving.log_density[accepted] = proposal[accepted], value[accepted]
     return accepted, int(failed.sum())

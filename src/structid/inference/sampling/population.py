@@ -1,4 +1,4 @@
-"""Particles at one exponent of the likelihood: drawn from the prior, weighed, drawn anew and moved."""
+"""Particles at one exponent of the likelihood: drawn from the prior, weighted, resampled and moved."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ class PopulationSettings(Protocol):
 
     @property
     def correlation(self) -> float:
-        """Particles move in a stage until they correlate by no more with where it began."""
+        """Particles move in a stage until their correlation with where it began is no larger than this."""
 
     @property
     def least_moves(self) -> int:
-        """Moves in a stage at least."""
+        """Smallest number of moves in a stage."""
 
     @property
     def most_moves(self) -> int:
-        """Moves in a stage at most."""
+        """Largest number of moves in a stage."""
 
     @property
     def stretch(self) -> float:
@@ -147,7 +147,7 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int)
 def run_stage(
     settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
 ) -> tuple[Population, Block]:
-    """Raise the exponent: weigh, draw anew, move.
+    """Raise the exponent: weight, resample, move.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def run_stage(
 
 
 def _at_rest(passed: list[np.ndarray]) -> bool:
-    """Whether the mean log-likelihood, after every move so far, has gone nowhere in the later half of them, within two errors."""
+    """Whether the mean log-likelihood has stayed level, within two errors, over the later half of the moves so far."""
     change = passed[-1] - passed[len(passed) // 2]
     return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
 
@@ -286,12 +286,12 @@ def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> floa
     float
         At most 1.
     """
-    # Particles without any likelihood are left behind by the smallest step, and are not for the exponent to save.
+    # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
     usable = int(np.isfinite(likelihood).sum())
 
     def lacking(log_increment: float) -> float:
         weights = np.exp(log_increment) * likelihood
-        # The mean of the populations' sizes: none of them decides alone.
+        # The mean over the populations: none of them decides alone.
         size = 2.0 * logsumexp(weights, axis=1) - logsumexp(2.0 * weights, axis=1)
         return float(logsumexp(size) - np.log(usable) - np.log(share))
 
@@ -305,7 +305,7 @@ def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> floa
 
 
 def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Rows drawn with probabilities, each as often as its expectation but for rounding."""
+    """Rows drawn with given probabilities, each as often as expected up to rounding."""
     places = (rng.random() + np.arange(len(weights))) / len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
 

@@ -17,7 +17,7 @@ Block = dict[str, np.ndarray]
 """Arrays with a leading step axis."""
 
 BLOCK_STEPS = 50
-"""Steps between two writes to the store; random streams are derived block by block, so a block is what is repeated."""
+"""Steps between two writes to the store. Random streams are derived block by block, so a killed run repeats one block."""
 
 Keep = Callable[[int, Block], None]
 """Adds to a block how long it took, and puts it on disk under its number."""
@@ -52,13 +52,14 @@ class Evidence:
         variance : ndarray, shape (population,)
             Variance of each log Z by its own particles.
         lacking : ndarray, shape (population,)
-            What each log Z may lack because its particles had not come to rest.
+            How much each log Z may be too small because its particles had not equilibrated.
 
         Returns
         -------
         Evidence
-            The mean of Z. Its error is the larger of two: the scatter between populations, and what their own particles lead one to
-            expect. What all populations lack is added to it, with its own error. It does not average out, since all lack it alike.
+            The mean of Z. Its error is the larger of two: the scatter between populations, and the scatter expected from their
+            own particles. What all populations lack is added to this error, with its own error. It does not average out, since
+            all lack it alike.
         """
         count = len(each)
         value = float(logsumexp(each) - np.log(count))
@@ -72,12 +73,12 @@ class Evidence:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a chain cost that a surrogate proposes to.
+    """What a chain cost whose proposals come from a surrogate.
 
     Parameters
     ----------
     true_runs : int
-        Runs of the model itself, those of the start included.
+        Runs of the model itself, including those of the start.
     surrogate_runs : int
         Runs of the surrogate in sub-chains.
     acceptance : float
@@ -93,7 +94,7 @@ class Cost:
 
     @property
     def speed_up(self) -> float:
-        """Moves of the chain for each run of the model, refused ones not counted; without the surrogate each takes a run."""
+        """Moves of the chain for each run of the model, refused ones not counted. Without the surrogate, each move takes a run."""
         return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
 
     def __str__(self) -> str:
@@ -118,11 +119,11 @@ class Drawn:
     failed : int
         Simulations that failed.
     log_evidence : Evidence, optional
-        Of samplers that know it.
+        For samplers that estimate it.
     cost : Cost, optional
-        Of samplers that run both a model and its surrogate.
+        For samplers that run both a model and its surrogate.
     divergent : int
-        Trajectories that lost their energy, of samplers that follow some.
+        Trajectories that did not conserve energy, for samplers that follow trajectories.
     """
 
     phi: np.ndarray
@@ -142,21 +143,21 @@ class Sampler(ABC):
     discard: float
 
     needed_length: ClassVar[float]
-    """Kept steps, in autocorrelation times, of a converged run."""
+    """Number of autocorrelation times that the kept steps of a converged run must span."""
     needs_derivatives: ClassVar[bool] = False
     """Whether the target's density must be a JAX function."""
     interacting: ClassVar[bool] = True
-    """Whether walkers know one another, so that an ensemble must have at least twice as many as there are parameters."""
+    """Whether walkers interact, so that an ensemble must have at least twice as many walkers as there are parameters."""
     exact: ClassVar[bool] = False
     """Whether it draws from the posterior of the model itself, with a surrogate that only proposes."""
 
     @property
     def proposal_model(self) -> Model | None:
-        """What makes the proposals in the place of the sampled model; None where the target itself does."""
+        """What makes the proposals instead of the sampled model; None where the target itself does."""
         return None
 
     def proposing_by(self, surrogate: Model) -> Sampler:
-        """Return these settings with a surrogate that proposes; for samplers that are exact.
+        """Return these settings with a surrogate that makes the proposals; for samplers that are exact.
 
         Parameters
         ----------
@@ -173,7 +174,7 @@ class Sampler(ABC):
     @property
     @abstractmethod
     def walkers(self) -> int:
-        """Walkers, particles or chains that know one another, in each ensemble."""
+        """Interacting walkers, particles or chains in each ensemble."""
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
@@ -200,7 +201,7 @@ class Sampler(ABC):
         keep: Keep,
         progress: Progress | None = None,
     ) -> Drawn:
-        """Draw, going on from the blocks that are there.
+        """Draw, continuing from the blocks on disk.
 
         Parameters
         ----------
@@ -215,7 +216,7 @@ class Sampler(ABC):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Called with how much is done, and the total.
+            Called with the amount done and the total.
 
         Returns
         -------
@@ -225,7 +226,7 @@ class Sampler(ABC):
 
 
 def correlation(before: np.ndarray, after: np.ndarray) -> float:
-    """Largest correlation over the parameters between two places of every walker.
+    """Largest correlation, over the parameters, between two positions of every walker.
 
     Parameters
     ----------
@@ -278,7 +279,7 @@ def block_lengths(steps: int) -> Iterator[int]:
 
 
 def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
-    """Leave out a last block that an earlier, shorter run cut off: its random stream is the whole block's.
+    """Leave out a last block that an earlier, shorter run cut short: its random stream is that of a whole block.
 
     Parameters
     ----------
@@ -290,7 +291,7 @@ def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
     Returns
     -------
     list of dict
-        What may be gone on from.
+        The blocks to continue from.
     """
     cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
     return blocks[:-1] if cut_off else blocks

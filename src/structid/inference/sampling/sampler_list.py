@@ -24,7 +24,7 @@ class SamplerKind:
     word : str
         ``kind`` in a study file.
     defaults : callable, optional
-        Settings that a study leaves out, by those it gives; the class's own when left out.
+        Gives the settings that a study leaves out, from those it gives. When left out, the defaults of the class hold.
     hidden : tuple of str
         Settings that a study file cannot give.
     """

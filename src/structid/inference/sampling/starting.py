@@ -1,4 +1,4 @@
-"""Where chains start that cannot find a posterior from its prior: at tempered draws of it."""
+"""Starting points for chains that cannot find a posterior from its prior: draws of the tempered posterior."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 
 EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5)
-"""Finds where a posterior is, from the prior by degrees."""
+"""Finds where a posterior is, starting from the prior, in stages."""
 START_EXPONENT = 0.5
-"""Of the likelihood: wider than the posterior, so that R-hat has something to find."""
+"""Of the likelihood. The draws are wider than the posterior, so that R-hat has something to find."""
 
 
 def tempered_draws(target: Target, seed: int, explorer: SMC = EXPLORER) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Tempered sequential Monte Carlo: from the prior to the posterior by degrees, and the evidence on the way.
 
 P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
-(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of
-a law fitted to those at rest, so that a target needs no gradient: an external solver can be sampled, its failures are counted, and
-every stage is on disk before the next.
+(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a law fitted
+to the resting ones, so the target needs no gradient. An external solver can be sampled, its failures are counted, and every stage
+is on disk before the next.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ MOST_STAGES = 200
 class SMC(Sampler):
     """Settings of tempered sequential Monte Carlo.
 
-    Particles begin as draws of the prior π₀ and pass through π₀ L^β with β rising from 0 to 1. Each stage weighs them by L^Δβ,
-    draws them anew by these weights, and moves them. The evidence ∫ π₀ L is the product of the ratios of neighbouring stages'
-    normalising constants, each by Bennett's acceptance ratio from the particles of both.
+    Particles begin as draws of the prior π₀ and pass through π₀ L^β with β rising from 0 to 1. Each stage weights them by L^Δβ,
+    resamples them by these weights, and moves them. The evidence ∫ π₀ L is a product over neighbouring stages: the ratios of
+    their normalising constants, each by Bennett's acceptance ratio from the particles of both.
 
     Parameters
     ----------
@@ -51,19 +51,20 @@ class SMC(Sampler):
     steps : int
         Moves of every particle once β = 1 is reached; these are kept.
     effective_share : float
-        Share of the particles that the weights of a stage leave effective: it sets Δβ.
+        Effective share of the particles after the weighting of a stage. It sets Δβ.
     correlation : float
-        Particles move in a stage until no parameter, nor the log-likelihood, correlates by more than this with where it began, and
-        until the mean log-likelihood has stopped rising.
+        Particles move in a stage until neither any parameter nor the log-likelihood correlates by more than this with its value
+        at the start of the stage, and until the mean log-likelihood has stopped rising.
     least_moves, most_moves : int
-        Moves in a stage at least and at most. Where the most were too few, the evidence's error says so.
+        Smallest and largest number of moves in a stage. Where the largest was too small, the error of the evidence says so.
     stretch : float
         a of the stretch move.
     independent : float
-        Fraction of the moves that are independence moves: drawn from laws fitted to the particles at rest. They forget where a
-        particle was, where laws of that kind are anything like the posterior; in dozens of parameters it is not, and 0 saves them.
+        Fraction of the moves that are independence moves, drawn from laws fitted to the resting particles. Where such laws
+        resemble the posterior, these moves make a particle forget where it was. With dozens of parameters they do not, and 0
+        saves these moves.
     differential_evolution : float
-        Fraction of the other moves that are differential-evolution moves in the place of the stretch.
+        Fraction of the other moves that are differential-evolution moves instead of stretch moves.
     """
 
     particles: int = 1000
@@ -78,7 +79,7 @@ class SMC(Sampler):
     differential_evolution: float = 0.5
 
     discard = 0.0  # no field: there is no start to forget
-    # Particles begin where the posterior is; in one τ those that were copied from one another have parted.
+    # Particles begin where the posterior is. In one τ, those that were copied from one another have separated.
     needed_length: ClassVar[float] = 1.0
 
     def __post_init__(self) -> None:
@@ -144,7 +145,7 @@ class SMC(Sampler):
         keep : callable
             Puts a block on disk.
         progress : callable, optional
-            Called with how many hundredths are done, and a hundred.
+            Called with the percentage done and 100.
 
         Returns
         -------
@@ -208,7 +209,7 @@ class SMC(Sampler):
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
-    """The stages, and those of the moves after them that a run of so many steps has whole."""
+    """The blocks of the stages, and those of the later moves that a run of this many steps completes."""
     stages = next((i + 1 for i, b in enumerate(blocks) if b["exponent"][-1] == 1.0), len(blocks))
     return blocks[:stages] + without_cut_off(blocks[stages:], list(block_lengths(steps)))
 

@@ -16,7 +16,7 @@ from structid.units import factor, label
 
 
 def _at_zero(value: float) -> str:
-    """A parameter that lies on a bound at zero but for rounding is shown as zero."""
+    """A parameter that lies on a bound at zero, up to rounding, is shown as zero."""
     return "0" if abs(value) < 1e-12 else f"{value:.5g}"
 
 

@@ -1,4 +1,4 @@
-"""The surrogate: what it is, and how it stood its validation."""
+"""The surrogate: what it is, and how its validation went."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _in_words(setting: Any) -> str:
 
 
 def _validation(surrogate: Surrogate) -> Rows:
-    """Errors of a surrogate over the runs it was validated on, a row a channel."""
+    """Errors of a surrogate over the runs it was validated on, one row per channel."""
     validation = surrogate.validation
     assert validation is not None
     heads = ["channel", "mean error", "median", "95 %", "worst", "diverged", "peak off by", "within 1.96 sd"]

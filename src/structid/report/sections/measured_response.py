@@ -16,7 +16,7 @@ from structid.report.section import Drawing, Picture, Section, nothing
 from structid.units import factor
 
 LOOP_DRAWS = 40
-"""Draws whose loops are drawn thin behind the MAP estimate's."""
+"""Number of draws whose loops are drawn thinly behind that of the MAP estimate."""
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:

@@ -29,7 +29,7 @@ class _OtherRecord:
 
     @cached_property
     def _posterior(self) -> Posterior:
-        """That of the model itself where the surrogate knows only its own records."""
+        """The sampled posterior, or the model's own where the surrogate knows only its own records."""
         posterior = self._material.posterior
         try:
             posterior.model.check_excitation(self._record)

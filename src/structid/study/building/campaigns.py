@@ -14,7 +14,7 @@ from structid.study.schema.study_file import StudyFile
 from structid.surrogates.registry import by_word
 
 SURROGATE_RUNS = 500
-"""True runs of a study with a surrogate that does not say how many."""
+"""Number of true runs, for a study with a surrogate that does not give one."""
 
 SURROGATE_WIDENING = 2.0
 """How much further than the prior the design of a surrogate reaches, in normal scores."""

@@ -96,7 +96,7 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
 
 
 def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
-    """What fitting would refuse, said before hours of true runs."""
+    """What fitting would refuse, reported before hours of true runs."""
     settings = surrogate_settings(study.file.surrogate)
     try:
         settings.check(design, records, study.model.channels)

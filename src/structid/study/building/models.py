@@ -1,4 +1,4 @@
-"""The model of a study, with every parameter it knows and the space has as free."""
+"""The model of a study. Its free parameters are those that it knows and the space has."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def build_model(
     derived : dict of str to str
         Expressions of the derived ones.
     channels : tuple of str
-        What somebody measures or wants.
+        What is measured or asked for.
     folder : Path
         Where relative paths start.
 
@@ -56,7 +56,7 @@ def build_model(
 def _check_parameters(
     kind: ModelKind, known: Collection[str], given: dict[str, Any], space: ParameterSpace, derived: dict[str, str]
 ) -> None:
-    """Refuse parameters that have a value as well, and names that the model lacks."""
+    """Refuse parameters that also have a value, and names that the model lacks."""
     ingredients = {n for name, text in derived.items() for n in parse_expression(text, f"derived.{name}")[1]}
     for name in space.all_names:
         key = f"key 'parameters.{name}'" if name in space.names else f"key 'derived.{name}'"

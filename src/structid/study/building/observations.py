@@ -130,7 +130,7 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepan
     Raises
     ------
     InputError
-        If a key means nothing for the law, or a value is none it takes.
+        If the law does not know a key, or does not take a value.
     """
     section = file.discrepancy
     kind = law_by_word()[section.kind]

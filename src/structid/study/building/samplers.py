@@ -26,7 +26,7 @@ def build_sampler(section: SamplerSection) -> Sampler:
     Raises
     ------
     InputError
-        If a key means nothing for the sampler, or a value is none it takes.
+        If the sampler does not know a key, or does not take a value.
     """
     kind = sampler_by_word()[section.kind]
     given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}

@@ -32,7 +32,7 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     folder : Path
         Where relative paths start.
     solver_folder : Path, optional
-        Where those of an external solver start, if not there.
+        Where relative paths of an external solver start, if not there.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
     try:
         return _built(file, folder, solver_folder)
     except InputError as first:
-        # Each mistake that needs no other part to be seen is told with it, so that one correction does not lead to the next.
+        # Mistakes that can be seen without the other parts are reported with it, so that one correction does not lead to the next.
         told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder)]))
         if len(told) == 1:
             raise

@@ -34,7 +34,7 @@ def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
     Raises
     ------
     InputError
-        If a key is given that the kind does not know, or a value it does not take.
+        If the kind does not know a key, or does not take a value.
     """
     kind = by_word()[section.kind]
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
@@ -79,7 +79,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, p
     path : Path or None
         Where it is kept, if anywhere.
     progress : callable or None
-        Called with how many hundredths of the fit are done, and a hundred.
+        Called with the percentage of the fit that is done, and 100.
 
     Returns
     -------
@@ -88,7 +88,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, p
     """
     settings = surrogate_settings(section)
     surrogate = load_surrogate(path) if path is not None and path.is_file() else None
-    # Runs that have been done again since, and have succeeded now, are worth another fit.
+    # Failed runs that have been repeated since, and have now succeeded, are worth another fit.
     stale = surrogate is None or surrogate.fitted.runs != int(runs.done.sum())
     if surrogate is None or stale:
         surrogate = settings.fit(runs, progress)

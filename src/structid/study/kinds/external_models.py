@@ -35,7 +35,7 @@ _EVERY: dict[str, tuple[Any, Any]] = {
 
 
 def _names(asked: ModelRequest) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Parameters that the solver takes, all of the study unless it names some; and channels."""
+    """Parameters that the solver takes (all of the study's unless it names some), and channels."""
     known = asked.space.all_names
     free = asked.given.get("parameters") or known
     for name in free:

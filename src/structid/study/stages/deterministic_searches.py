@@ -34,7 +34,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
 
 def _search(method: str, study: BuiltStudy, place: Workplace) -> OptimizeResult:
     section, stored, name = study.file.deterministic, place.folder / f"{method}.json", method.replace("_", " ")
-    # A calibration that went on has another surrogate, whose minima are others.
+    # A calibration that was continued has another surrogate, with other minima.
     settings = {**section.model_dump(mode="json"), "posterior": study.sampled.content_hash}
     if stored.is_file() and json.loads(stored.read_text())["settings"] == settings:
         return _read_search(stored, study.sampled)
@@ -53,7 +53,7 @@ def _search(method: str, study: BuiltStudy, place: Workplace) -> OptimizeResult:
 
 
 def _searched_range(study: BuiltStudy) -> dict[str, tuple[float, float]] | None:
-    """Bounds of the searches in SI: the study's, within the range of a surrogate, which beyond it responds as at the edge."""
+    """Bounds of the searches in SI: the study's, within a surrogate's range, beyond which it responds as at the edge."""
     stand_in, given = study.sampled.model.stand_in, study.search_bounds
     if stand_in is None:
         return given

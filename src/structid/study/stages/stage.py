@@ -33,7 +33,7 @@ class Workplace:
     executor : object
         Where an external model's runs are done.
     retry : bool
-        Do runs of the campaign again that failed before.
+        Repeat runs of the campaign that failed before.
     adopt : bool
         Keep the campaign's runs of another version of the model.
     page : bool
@@ -61,9 +61,9 @@ class Findings:
     Parameters
     ----------
     study : BuiltStudy
-        The study; with the posterior and the sampler that are to be sampled.
+        The study, with the posterior and the sampler to be used.
     true_posterior : Posterior or None
-        That of the model itself.
+        The posterior under the model itself.
     runs : Runs or None
         The true runs.
     surrogate : Surrogate or None
@@ -94,7 +94,7 @@ class StudyStage:
     wanted : callable
         Whether the study asks for it, by what has been found.
     run : callable
-        Does it, or reads back what was done, and gives the findings with its own.
+        Does it, or reads back what was done, and returns the findings with its own added.
     """
 
     wanted: Callable[[Findings], bool]

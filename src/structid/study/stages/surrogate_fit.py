@@ -41,7 +41,7 @@ def _validate(surrogate: Surrogate, study: BuiltStudy, place: Workplace) -> None
 
 
 def _in_its_place(found: Findings, surrogate: Surrogate, place: Workplace) -> Findings:
-    """The study that samples it, or lets it propose."""
+    """The study that samples the surrogate, or lets it make proposals."""
     study = found.study
     if study.posterior is None:
         return found

@@ -65,7 +65,7 @@ class Coefficients:
         Returns
         -------
         tuple of dict
-            What JSON can say, and arrays.
+            What JSON can hold, and arrays.
         """
         plain, arrays = self.trend.to_plain()
         said: dict[str, Any] = {"trend": plain}
@@ -86,7 +86,7 @@ class Coefficients:
         space : ParameterSpace
             The parameters.
         plain : dict
-            What JSON can say.
+            What JSON can hold.
         arrays : mapping of str to ndarray
             The arrays.
 

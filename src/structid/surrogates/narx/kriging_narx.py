@@ -25,9 +25,9 @@ from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings
 class KrigingNARX(NARXSettings):
     """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).
 
-    With ``training="joint"`` the coefficients of each run are refined on its own free run, drawn towards those of the joint
-    training as far as the run does not determine them; what they differ by is interpolated. Alone, least squares leaves
-    collinear coefficients to wander, and no interpolation follows.
+    With ``training="joint"`` the coefficients of each run are refined on its own free run. Where the run does not determine them,
+    they are drawn towards those of the joint training. The differences are interpolated. Least squares alone lets collinear
+    coefficients wander, and no interpolation can follow them.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class KrigingNARX(NARXSettings):
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
         weights : ndarray, shape (run,), optional
             How much the error of each run counts in the joint training; the same for all when left out.
 
@@ -63,7 +63,7 @@ class KrigingNARX(NARXSettings):
 
 
 def from_keys(**given: Any) -> KrigingNARX:
-    """Make settings from the keys of a study file: those of the Kriging among them.
+    """Make settings from the keys of a study file, including those of the Kriging.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ class NARX(NARXSettings):
         channels : sequence of str
             Names of the channels.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
 
         Returns
         -------

@@ -42,10 +42,10 @@ from structid.surrogates.narx.training_set import TrainingSet, spread_rows, trai
 from structid.surrogates.progress import Stages
 
 TRAINING_BOUND = 2.0
-"""While training, outputs are kept within so many times the largest one seen."""
+"""While training, outputs are kept within this many times the largest one seen."""
 
 LOSS_SCALE = 1e-3
-"""Errors beyond it count by their logarithm only."""
+"""Errors beyond this count only by their logarithm."""
 
 LAST_STEPS = 4
 """Training steps that see all runs."""
@@ -54,10 +54,10 @@ RESCUE_HORIZONS = (16, 128)
 """Samples between restarts in the training that goes before, where free runs of the regression diverge."""
 
 LOST = 0.1
-"""Free runs of the regression that err by more, in the robust mean, are lost."""
+"""Free runs of the regression whose robust mean error exceeds this are lost."""
 
 HORIZON_STEPS = 4
-"""Most training steps with each horizon."""
+"""Largest number of training steps with each horizon."""
 
 STAGES = {"selection": 2.0, "regression": 2.0, "horizons": 1.0, "training": 10.0, "refinement": 6.0, "uncertainty": 1.0}
 """Stages of a fit, and their share of its time."""
@@ -73,7 +73,7 @@ class NARXFit:
     runs : Runs
         To what.
     progress : callable, optional
-        Called with how many hundredths are done, and a hundred.
+        Called with the percentage done and 100.
     fewest : int
         Fewer finished runs are refused.
     weights : ndarray, shape (run,), optional
@@ -163,7 +163,7 @@ class NARXFit:
         return self._with_deviation(trend, found - found.mean(axis=0), regression)
 
     def _with_deviation(self, trend: ChaosExpansion, deviation: np.ndarray, regression: PCE | Kriging) -> Coefficients:
-        """Add an interpolation of what coefficients differ by from a trend, of those that differ at all."""
+        """Add an interpolation of the deviations from a trend, for coefficients that deviate at all."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
             return Coefficients(trend)
@@ -211,7 +211,7 @@ class NARXFit:
         return self._expansion(basis, trained.coefficients, rows)
 
     def _over_short_horizons(self, start: np.ndarray, features: np.ndarray, data: TrainingSet) -> np.ndarray:
-        """Train on runs that start again from the measured past: as asked for, or where free runs are lost."""
+        """Train on runs that restart from the measured past: if asked for, or where free runs are lost."""
         horizons = self.settings.horizons
         if horizons is None:
             loss = robust_loss(self.free_run.errors(features @ start.T, data), LOSS_SCALE, data.weights)

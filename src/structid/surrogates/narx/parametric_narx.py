@@ -31,13 +31,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PREDICTION_BOUND = 10.0
-"""A prediction beyond so many times the largest output seen has diverged."""
+"""A prediction beyond this many times the largest output seen has diverged."""
 
 STRONGER = 1.1
-"""A record whose peak is more than so many times the largest one seen is warned of."""
+"""A warning is given for a record whose peak is more than this many times the largest one seen."""
 
 WINDOW = 101
-"""Samples of the moving root mean square that the predicted standard deviation is proportional to."""
+"""Samples of the moving root mean square to which the predicted standard deviation is proportional."""
 
 
 def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNARX:
@@ -148,7 +148,7 @@ class ParametricNARX(Surrogate):
         Raises
         ------
         InputError
-            If a recursion in steps of the training's means nothing for it.
+            If a recursion with the step of the training does not apply to it.
         """
         if excitation.kind != self.fitted.excitation or abs(excitation.dt / self.fitted.dt - 1.0) > 1e-9:
             raise InputError(
@@ -214,8 +214,8 @@ class ParametricNARX(Surrogate):
         """Predict from the measured past, as far ahead as a horizon, rather than from the model's own past as `simulate` does.
 
         Every `horizon` samples the recursion starts again from what was measured: the first sample after that is predicted one
-        step ahead, the last one `horizon` steps. An error one step ahead says little about the free run: it is there to tell
-        which of the two fails.
+        step ahead, the last one `horizon` steps. An error one step ahead says little about the free run. It serves to show which
+        of the two fails.
 
         Parameters
         ----------
@@ -301,19 +301,19 @@ class ParametricNARX(Surrogate):
         return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the coefficients against those that runs would have by themselves, as far as they determine them.
+        """Draw the coefficients against those of single runs by themselves, as far as the runs determine them.
 
         Parameters
         ----------
         runs : Runs
-            Runs of the model, best ones the surrogate has not seen.
+            Runs of the model, preferably ones the surrogate has not seen.
         save : path-like, optional
             Where to save it, without ending: PNG and PDF are written.
 
         Returns
         -------
         matplotlib.figure.Figure
-            A panel a coefficient.
+            One panel per coefficient.
         """
         from structid.figures import surrogate as figures
 
@@ -333,7 +333,7 @@ class ParametricNARX(Surrogate):
         Returns
         -------
         tuple of dict
-            What JSON can say, and arrays.
+            What JSON can hold, and arrays.
         """
         said, arrays = self.coefficients.to_plain()
         recursion = self.recursion
@@ -358,7 +358,7 @@ class ParametricNARX(Surrogate):
         fit : Fit
             How it came about.
         plain : dict
-            What JSON can say.
+            What JSON can hold.
         arrays : mapping of str to ndarray
             The arrays.
 

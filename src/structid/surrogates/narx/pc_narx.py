@@ -40,7 +40,7 @@ class PCNARX(NARXSettings):
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
         weights : ndarray, shape (run,), optional
             How much the error of each run counts in the joint training; the same for all when left out.
 

@@ -31,30 +31,30 @@ class NARXSettings:
     Parameters
     ----------
     terms : sequence of Term or str, or mapping of str to such, optional
-        Candidate terms of every output, or of each by its channel; left out, terms with a hysteretic memory. Outputs are called
-        ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, ….
+        Candidate terms of every output, or of each output by its channel. When left out, terms with a hysteretic memory. Outputs
+        are called ``y``, or ``y1``, ``y2``, … where there are several, inputs ``x``, or ``x1``, ``x2``, ….
     memories : sequence of Memory or str
         Memories that `terms` use.
     training : {"joint", "per-experiment"}
-        All coefficients at once, on the one-step and then on the free-run error; or as in the thesis: coefficients of each
-        experiment by ordinary least squares, which are then interpolated.
+        ``"joint"``: all coefficients at once, on the one-step error and then on the free-run error. ``"per-experiment"``, as in
+        the thesis: coefficients of each experiment by ordinary least squares, which are then interpolated.
     selection : {"lars", "orthogonal"}, optional
         Choose among the terms by their free runs; all are kept when left out.
     most_terms : int, optional
-        Most terms the selection keeps.
+        Largest number of terms that the selection keeps.
     degree : int
-        Largest degree of the chaos expansions that the coefficients of the joint training are.
+        Largest degree of the chaos expansions that represent the coefficients in the joint training.
     horizons : sequence of int, optional
-        Samples between restarts from the measured past in the training that goes before the one on free runs, one after another;
-        left out, 16 and 128 where the free runs of the regression are lost, and none where they are not.
+        Samples between restarts from the measured past, one number for each stage of training before the one on free runs. When
+        left out: 16 and then 128 where the free runs of the regression are lost, and no such stage where they are not.
     steps : int
-        Most steps of the training on the free-run error; 0 leaves it at the regression.
+        Largest number of steps of the training on the free-run error; 0 leaves it at the regression.
     held_out : float
-        Share of the runs that choose when to stop and what the predicted standard deviation is.
+        Share of the runs that is held out, to choose when to stop and how large the predicted standard deviation is.
     washout : float
-        Time at the start of each run that does not count [s], where what went before is not known.
+        Time at the start of each run that does not count [s], since what went before is not known there.
     limit : float
-        Largest mean relative error with which it may stand in a posterior.
+        Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}
         What to do with parameters beyond the range of the design.
     seed : int
@@ -124,7 +124,7 @@ class NARXSettings:
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All of them, as JSON can say it."""
+        """All settings, in a form that JSON can hold."""
         said = asdict(replace(self, terms=None, memories=()))
         if isinstance(self.terms, Mapping):
             said["terms"] = {output: [str(t) for t in terms] for output, terms in self.terms.items()}

@@ -34,7 +34,7 @@ ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]
 
 
 class PODSettings(Protocol):
-    """What every kind of response-space surrogate is told."""
+    """Settings of every kind of response-space surrogate."""
 
     @property
     def left_out_energy(self) -> float:
@@ -42,7 +42,7 @@ class PODSettings(Protocol):
 
     @property
     def limit(self) -> float:
-        """Largest mean relative error with which it may stand in a posterior."""
+        """Largest mean relative error with which it may be used in a posterior."""
 
     @property
     def outside(self) -> OutsideRule:
@@ -50,7 +50,7 @@ class PODSettings(Protocol):
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, as JSON can say them."""
+        """All settings, in a form that JSON can hold."""
 
 
 def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None:
@@ -89,7 +89,7 @@ def fit_records(
     runs : Runs
         Of the model it is to stand for; failed ones are left out.
     progress : callable or None
-        Called with how many hundredths are done, and a hundred.
+        Called with the percentage done and 100.
 
     Returns
     -------
@@ -116,7 +116,7 @@ def fit_records(
 
 
 def _by_record(runs: Runs) -> dict[str, Runs]:
-    """Runs by the content of their record: one that is there twice is one."""
+    """Runs by the content of their record: a record that appears twice counts as one."""
     hashes = [r.content_hash for r in runs.records]
     of_run = np.array([hashes.index(hashes[i]) for i in runs.record_of_run])
     merged = replace(runs, record_of_run=of_run)

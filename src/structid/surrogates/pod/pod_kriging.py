@@ -33,7 +33,7 @@ class PODKriging:
     left_out_energy : float
         Components are kept until they leave out this share of the variance.
     limit : float
-        Largest mean relative error with which it may stand in a posterior.
+        Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}
         What to do with parameters beyond the range of the design.
     """
@@ -51,7 +51,7 @@ class PODKriging:
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, as JSON can say them."""
+        """All settings, in a form that JSON can hold."""
         return asdict(self)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
@@ -83,9 +83,9 @@ class PODKriging:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
         start : ResponseSpaceSurrogate, optional
-            One fitted to some of these runs, whose correlation lengths the search starts from; see `Kriging.fit`.
+            A surrogate fitted to some of these runs. The search starts from its correlation lengths; see `Kriging.fit`.
 
         Returns
         -------
@@ -102,7 +102,7 @@ class PODKriging:
 
 
 def from_keys(**given: Any) -> PODKriging:
-    """Make settings from the keys of a study file: those of the Kriging among them.
+    """Make settings from the keys of a study file, including those of the Kriging.
 
     Parameters
     ----------

@@ -27,8 +27,8 @@ class PODPCE:
     Parameters
     ----------
     pce : PCE
-        How the scores are expanded. By default with coefficients that shrink with the degree; sparse expansions of a hundred
-        scores take minutes and are a hundred times less accurate.
+        How the scores are expanded. By default, coefficients shrink with the degree. Sparse expansions of a hundred scores take
+        minutes and are a hundred times less accurate.
     left_out_energy, limit, outside
         As for `PODKriging`.
     """
@@ -46,7 +46,7 @@ class PODPCE:
 
     @property
     def in_words(self) -> dict[str, Any]:
-        """All settings, as JSON can say them."""
+        """All settings, in a form that JSON can hold."""
         return asdict(self)
 
     def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
@@ -72,7 +72,7 @@ class PODPCE:
         runs : Runs
             Of the model it is to stand for; failed ones are left out.
         progress : callable, optional
-            Called with how many hundredths of the fit are done, and a hundred.
+            Called with the percentage of the fit that is done, and 100.
 
         Returns
         -------
@@ -83,7 +83,7 @@ class PODPCE:
 
 
 def from_keys(**given: Any) -> PODPCE:
-    """Make settings from the keys of a study file: those of the expansion among them.
+    """Make settings from the keys of a study file, including those of the expansion.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ from structid.errors import InputError
 
 
 def check_energy(left_out: float) -> None:
-    """Refuse a share of the variance that is none.
+    """Refuse a number that is not a share of the variance.
 
     Parameters
     ----------

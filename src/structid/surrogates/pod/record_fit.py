@@ -44,13 +44,13 @@ class RecordFit:
 
     @property
     def error(self) -> float:
-        """Mean leave-one-out error relative to the histories' own spread."""
+        """Mean leave-one-out error relative to the histories' own variation."""
         left_out = np.sum(self.score_deviation**2) + np.sum(self.truncation**2)
         return float(left_out / self._mean_spread)
 
     @property
     def _mean_spread(self) -> float:
-        # Σ (y − ȳ)² over time, in the mean over the design: of the mean history, and of what varies about it.
+        # Σ (y − ȳ)² over time, averaged over the design: of the mean history, and of what varies about it.
         shape = (self.samples, -1)
         centred = self.mean.reshape(shape) - self.mean.reshape(shape).mean(axis=0)
         modes = self.modes.reshape(len(self.modes), *centred.shape)

@@ -194,7 +194,7 @@ class ResponseSpaceSurrogate(Surrogate):
         Returns
         -------
         tuple of dict
-            What JSON can say, and arrays.
+            What JSON can hold, and arrays.
         """
         plain: dict[str, Any] = {}
         arrays: dict[str, np.ndarray] = {}
@@ -220,7 +220,7 @@ class ResponseSpaceSurrogate(Surrogate):
         fit : Fit
             How it came about.
         plain : dict
-            What JSON can say.
+            What JSON can hold.
         arrays : mapping of str to ndarray
             The arrays.
 

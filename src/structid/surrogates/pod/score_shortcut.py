@@ -85,7 +85,7 @@ class ScoreShortcut(Shortcut):
     squares_beyond : ndarray, shape (channel, measurement)
         ‖beyond‖².
     levers_beyond : ndarray, shape (channel, measurement, component)
-        Φ beyond, which is zero but for rounding.
+        Φ beyond, which is zero up to rounding.
     """
 
     surrogate: ScoreSource
@@ -204,7 +204,7 @@ def nearest_scores(modes: np.ndarray, inner: np.ndarray, residual: np.ndarray) -
     tuple of ndarray, float, ndarray
         The scores nearest to r (component,), ‖beyond‖², and Φ beyond (component,).
     """
-    # What is out of reach is left apart, so that a small misfit keeps its digits.
+    # What is out of reach is kept apart, so that a small misfit keeps its digits.
     nearest = np.linalg.pinv(inner, hermitian=True) @ (modes @ residual)
     beyond = residual - nearest @ modes
     return nearest, beyond @ beyond, modes @ beyond
