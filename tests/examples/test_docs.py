@@ -61,6 +61,7 @@ def shrink(path):
     path.write_text(text)
 
 
+@pytest.mark.slow
 def test_the_page_on_clusters_line_by_line(shell, tmp_path):
     pytest.importorskip("distributed")
     new, *rest = commands(1)

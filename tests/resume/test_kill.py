@@ -7,6 +7,7 @@ import subprocess
 import sys
 
 import numpy as np
+import pytest
 
 import structid as si
 from structid.inference.sampling.chain_store import ChainStore
@@ -80,6 +81,7 @@ def _identity(target, settings):
     }
 
 
+@pytest.mark.slow
 def test_a_killed_study_goes_on_to_the_same_draws(tmp_path):
     """`structid run`, killed while it samples, then `--resume`: the bits of an undisturbed run."""
     from structid.study.run import load

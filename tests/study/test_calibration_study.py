@@ -66,6 +66,7 @@ def test_a_study_that_is_not_certified_says_so_and_goes_on_with_more_runs(tmp_pa
     assert (ends >= fitted.low).all() and (ends <= fitted.high).all()
 
 
+@pytest.mark.slow
 def test_exact_sampling_needs_no_certificate(tmp_path):
     """A surrogate of a small budget proposes, the model decides: the draws are the model's, whatever the certificate says."""
     budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")
