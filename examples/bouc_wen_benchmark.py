@@ -67,8 +67,8 @@ sds; cost of a run in a batch of 64 on two cores): 1: 3.9e-6 m, 9 sds, 0.65 ms. 
 1.7 ms. 4: 2.7e-7 m, 0.21, 2.0 ms. 6: 1.2e-7 m, 0.09, 3.0 ms. 10: 4.0e-8 m, 0.02, 4.7 ms.
 """
 STARTS = 10
-SAMPLER = si.AIES(walkers=20, steps=2400, ensembles=3, differential_evolution=1.0, discard=0.1)
-"""With stretch moves alone τ is near 150 steps here; with differential evolution it is 20-25."""
+SAMPLER = si.AIES(walkers=20, steps=3400, ensembles=3, differential_evolution=1.0, discard=0.1)
+"""With stretch moves alone τ is near 150 steps here; with differential evolution it is 20-25, and 30-50 in single chains."""
 START_SPREAD = 2.0
 """Walkers start in a Gaussian ball this many times as wide as the posterior is expected to be."""
 
