@@ -16,7 +16,7 @@ from structid.models.face import Progress
 from structid.report import section_list
 from structid.report.head import posterior_table, run_table, sentence
 from structid.report.material import PosteriorMaterial, RunsMaterial
-from structid.report.section import Drawing, Picture, Section
+from structid.report.section import Picture, Section
 from structid.report.tables import versions_table
 
 PAGE = "report.html"
@@ -37,27 +37,6 @@ class DrawnSection:
 
     section: Section[Any]
     pictures: tuple[Picture, ...]
-
-
-def drawing_steps(sections: Sequence[Section[Any]], material: Any, folder: Path) -> list[tuple[Section[Any], Drawing]]:
-    """List what draws the figures of some sections, so that a caller can show progress.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        In their order.
-    material : object
-        What they are made of.
-    folder : Path
-        Where the figures go; made if it is not there.
-
-    Returns
-    -------
-    list of tuple
-        Section, and what draws one of its figures.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    return [(section, drawing) for section in sections for drawing in section.drawings(material)]
 
 
 def draw(
@@ -81,7 +60,8 @@ def draw(
     list of DrawnSection
         In the same order.
     """
-    steps = drawing_steps(sections, material, folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    steps = [(section, drawing) for section in sections for drawing in section.drawings(material)]
     pictures: dict[str, list[Picture]] = {section.key: [] for section in sections}
     for done, (section, drawing) in enumerate(steps, start=1):
         pictures[section.key].append(drawing(folder))

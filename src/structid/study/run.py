@@ -19,10 +19,10 @@ from structid.runs import Runs
 from structid.study import stage_list
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
-from structid.study.folder import SCRATCH, SURROGATE, TIMINGS, claim, rebuilt, stored_study
+from structid.study.folder import SCRATCH, SURROGATE, claim, rebuilt, stored_study
 from structid.study.schema.study_file import StudyFile, read_study
 from structid.study.stages.stage import Findings, Workplace
-from structid.study.timings import Stage, Timings, silent
+from structid.study.timings import Stage, silent
 from structid.surrogates.face import Surrogate
 from structid.surrogates.registry import load_surrogate
 
@@ -119,7 +119,7 @@ def run_study(
     folder = Path(out)
     with kept_open(study.model, executor) as workers:  # a missing executor is reported before a folder is taken
         claim(folder, study, Path(path), resume or retry or adopt, adopt)
-        place = Workplace(folder, stage, Timings(folder / TIMINGS), workers, retry, adopt)
+        place = Workplace(folder, stage, workers, retry, adopt)
         return _work(study, place)
 
 
@@ -145,7 +145,7 @@ def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
     """
     folder = Path(folder)
     file, told = stored_study(folder)
-    place = Workplace(folder, stage, Timings(folder / TIMINGS))
+    place = Workplace(folder, stage)
     if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
         return _runs_again(file, place)
     return _work(rebuilt(folder, file, told), place)
@@ -181,7 +181,7 @@ def stored_outcome(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
         If the folder holds no finished calibration.
     """
     folder = Path(folder)
-    place = Workplace(folder, stage, Timings(folder / TIMINGS), page=False)
+    place = Workplace(folder, stage, page=False)
     return _work(rebuilt(folder, *stored_study(folder)), place)
 
 

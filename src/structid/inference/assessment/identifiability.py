@@ -99,7 +99,7 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     point = jnp.asarray(theta)[None, :]
 
     def whitened(moved: Any, bound: BoundLikelihood) -> Any:
-        response, _ = model.response(posterior.model_parameters(moved), model.traced(bound.observation.record))
+        response, _ = model.response(posterior.model_parameters(moved), bound.measured.excitation)
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
         return bound.discrepancy.whiten(bound.shown(response, moved), unknown, bound.channels, bound.dt)
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from structid.figures import loops as loop_figures
 from structid.figures import response as figures
-from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.assessment.prediction import predict
 from structid.report.material import PosteriorMaterial, simulated_loops
+from structid.report.predicted_band import PredictedBand
 from structid.report.section import Drawing, Picture, Section, nothing
-from structid.units import factor
 
 LOOP_DRAWS = 40
 """Number of draws whose loops are drawn thinly behind that of the MAP estimate."""
@@ -38,16 +38,11 @@ class _Predicted:
         self.suffix = material.suffix(index)
 
     @cached_property
-    def draws(self) -> Prediction:
-        """The response of draws, with and without discrepancy."""
+    def band(self) -> PredictedBand:
+        """The response of draws, with and without discrepancy, and of the MAP estimate."""
         material = self.material
-        return predict(material.posterior, material.draws, self.observation.record, seed=material.result.seed)
-
-    @cached_property
-    def best(self) -> np.ndarray:
-        """The response of the MAP estimate, shape (time, channel)."""
-        found: np.ndarray = self.material.posterior.predict(self.material.best[None], self.index)[0]
-        return found
+        draws = predict(material.posterior, material.draws, self.observation.record, seed=material.result.seed)
+        return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
 
     @cached_property
     def loops(self) -> np.ndarray:
@@ -65,22 +60,10 @@ class _Predicted:
 
 
 def _band(predicted: _Predicted, column: int, folder: Path) -> Picture:
-    observation, prediction = predicted.observation, predicted.draws
+    observation = predicted.observation
     channel = observation.channels[column]
-    unit = observation.channel_unit(channel).display
-    by = factor(unit)
-    inner, outer = prediction.band(), prediction.band(discrepancy=True)
     name = f"response_{channel}{predicted.suffix}"
-    figures.bands(
-        prediction.time,
-        observation.values[:, column] / by,
-        predicted.best[:, column] / by,
-        (inner[0][:, column] / by, inner[1][:, column] / by),
-        (outer[0][:, column] / by, outer[1][:, column] / by),
-        channel,
-        unit,
-        save=folder / name,
-    )
+    predicted.band.draw(column, observation.channel_unit(channel).display, observation.values[:, column], folder / name)
     return Picture(
         name,
         f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from structid.errors import InputError
-from structid.figures import response as figures
 from structid.figures.style import pretty_unit
 from structid.ground_motion.record import GroundMotion
-from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.assessment.prediction import predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.report.material import PosteriorMaterial
+from structid.report.predicted_band import PredictedBand
 from structid.report.section import Drawing, Picture, Section, Table
 from structid.report.tables import number
 from structid.units import factor, label
@@ -38,15 +38,11 @@ class _OtherRecord:
         return posterior
 
     @cached_property
-    def draws(self) -> Prediction:
-        """The response of draws."""
-        return predict(self._posterior, self._material.draws, self._record, seed=self._material.result.seed)
-
-    @cached_property
-    def best(self) -> np.ndarray:
-        """The response of the MAP estimate, shape (time, channel)."""
-        found: np.ndarray = predict(self._posterior, self._material.best[None], self._record).response[0]
-        return found
+    def band(self) -> PredictedBand:
+        """The response of draws, and of the MAP estimate."""
+        material = self._material
+        draws = predict(self._posterior, material.draws, self._record, seed=material.result.seed)
+        return PredictedBand(draws, predict(self._posterior, material.best[None], self._record).response[0])
 
 
 def _others(material: PosteriorMaterial) -> list[_OtherRecord]:
@@ -69,9 +65,9 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 def _peaks(other: _OtherRecord) -> Iterator[tuple[str, str, float, float, float]]:
     """Channel, display unit, and quantiles of the largest response in it."""
-    for column, channel in enumerate(other.draws.channels):
-        unit = other.draws.units[channel].display
-        low, median, high = np.quantile(other.draws.peaks[:, column] / factor(unit), [0.05, 0.5, 0.95])
+    for column, channel in enumerate(other.band.draws.channels):
+        unit = other.band.draws.units[channel].display
+        low, median, high = np.quantile(other.band.draws.peaks[:, column] / factor(unit), [0.05, 0.5, 0.95])
         yield channel, unit, low, median, high
 
 
@@ -85,21 +81,10 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 
 def _band(other: _OtherRecord, number_of_it: int, column: int, folder: Path) -> Picture:
-    channel = other.draws.channels[column]
-    unit = other.draws.units[channel].display
-    by = factor(unit)
-    inner, outer = other.draws.band(), other.draws.band(discrepancy=True)
+    draws = other.band.draws
+    channel = draws.channels[column]
     name = f"other_{number_of_it}_{channel}"
-    figures.bands(
-        other.draws.time,
-        None,
-        other.best[:, column] / by,
-        (inner[0][:, column] / by, inner[1][:, column] / by),
-        (outer[0][:, column] / by, outer[1][:, column] / by),
-        channel,
-        unit,
-        save=folder / name,
-    )
+    other.band.draw(column, draws.units[channel].display, None, folder / name)
     return Picture(name, f"Predicted {channel} for {other.name}.")
 
 

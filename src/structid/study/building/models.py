@@ -44,13 +44,18 @@ def build_model(
         If a parameter has a value and a prior, or the model has no such parameter.
     """
     kind = model_by_word()[section.type]
-    given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
+    given = _given(section)
     if kind.parameters is None:
         return kind.build(ModelRequest(given, space, (), channels, folder))
     known = kind.parameters(given)
     _check_parameters(kind, known, given, space, derived)
     free = tuple(name for name in space.all_names if name in known)
     return kind.build(ModelRequest(given, space, free, channels, folder))
+
+
+def _given(section: ModelSection) -> dict[str, Any]:
+    """Keys of the table that have a value."""
+    return {key: value for key, value in section.model_dump(exclude={"type"}).items() if value is not None}
 
 
 def _check_parameters(
@@ -89,5 +94,5 @@ def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -
     Model
         Without free parameters.
     """
-    given = {k: v for k, v in section.model_dump(exclude={"type"}).items() if v is not None}
+    given = _given(section)
     return model_by_word()[section.type].build(ModelRequest(given, ParameterSpace(), (), channels, folder))

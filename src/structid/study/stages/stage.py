@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.runs import Runs
 from structid.study.building.built_study import BuiltStudy
-from structid.study.folder import STUDY
+from structid.study.folder import STUDY, TIMINGS
 from structid.study.timings import Stage, Timings
 from structid.surrogates.face import Surrogate
 
@@ -28,8 +29,6 @@ class Workplace:
         For everything that it makes.
     stage : callable
         Opens a progress bar for a named stage.
-    timings : Timings
-        Seconds of every stage.
     executor : object
         Where an external model's runs are done.
     retry : bool
@@ -42,11 +41,15 @@ class Workplace:
 
     folder: Path
     stage: Stage
-    timings: Timings
     executor: Any = None
     retry: bool = False
     adopt: bool = False
     page: bool = True
+
+    @cached_property
+    def timings(self) -> Timings:
+        """Seconds of every stage."""
+        return Timings(self.folder / TIMINGS)
 
     @property
     def settings(self) -> str:
