@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import IntEnum
 
 
@@ -32,6 +33,31 @@ class InputError(StructidError, ValueError):
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
         return (type(self), (self.where, self.came, self.allowed, self.cure))
+
+
+@contextmanager
+def within(where: str) -> Iterator[None]:
+    """Say in a refusal where in the user's file the cause stands.
+
+    Parameters
+    ----------
+    where : str
+        The table or key, which is put before the argument that was refused.
+
+    Yields
+    ------
+    None
+        While what may refuse is called.
+
+    Raises
+    ------
+    InputError
+        What was raised inside, with the place in front.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error.where}", error.came, error.allowed, error.cure) from None
 
 
 class StoreMismatchError(InputError):

@@ -23,7 +23,8 @@ def written(folder, calibration=CALIBRATION, surrogate='kind = "pod_kriging"', s
 
 
 def test_a_certified_study(tmp_path):
-    study = written(tmp_path)
+    # One good surrogate in fifty is refused by the luck of its draws; the budget is for a second certificate, and a third.
+    study = written(tmp_path, CALIBRATION.replace("true_runs = 300", "true_runs = 700"))
     outcome = run_study(study, tmp_path / "out")
     certificate = outcome.calibration.certificate
     assert certificate.certified and outcome.trusted == outcome.result.verdict().converged, str(outcome.calibration)

@@ -14,6 +14,7 @@ import numpy as np
 
 from structid.errors import InputError, StructidWarning
 from structid.inference.assessment import prediction as predictive
+from structid.inference.assessment.arviz_groups import groups_of_draws, groups_of_measurement
 from structid.inference.assessment.diagnostics import (
     Verdict,
     convergence_failures,
@@ -215,20 +216,21 @@ class SamplingResult:
         They hold even where the model or the law of the discrepancy is wrong, but are only accurate to a fifth themselves. None
         without a measurement, and for an external solver, since they take a thousand runs (`robust_covariance` does them).
         """
-        if not isinstance(self.target, Posterior) or self.target.costs_runs:
+        posterior = self._measured
+        if posterior is None or posterior.costs_runs:
             return None
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
-            return np.sqrt(np.diag(robust_covariance(self.target, self.thinned())))
+            return np.sqrt(np.diag(robust_covariance(posterior, self.thinned())))
 
     @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:
         """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
-        if not isinstance(self.target, Posterior):
+        if self._measured is None:
             return ()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)
-            return whitened_residuals(self.target, self.map_estimate)
+            return whitened_residuals(self._measured, self.map_estimate)
 
     @cached_property
     def _verdict(self) -> Verdict:
@@ -263,9 +265,9 @@ class SamplingResult:
         return self._verdict
 
     def _unexplained(self) -> float:
-        if not isinstance(self.target, Posterior):
+        if self._measured is None:
             return float("nan")
-        return predictive.unexplained_fraction(self.target, self.map_estimate)
+        return predictive.unexplained_fraction(self._measured, self.map_estimate)
 
     def _warnings(self, unexplained: float) -> list[str]:
         space = getattr(self.target, "space", None)
@@ -305,18 +307,18 @@ class SamplingResult:
 
     def _residual_warnings(self) -> list[str]:
         """Residuals that the law of the discrepancy does not describe."""
-        if not isinstance(self.target, Posterior):
+        if self._measured is None:
             return []
-        count = self.target.model_space.dimension  # the model's own parameters come first
+        count = self._measured.model_space.dimension  # the model's own parameters come first
         ratios = (
             None if self.robust_sd is None else dict(zip(self.names[:count], self.robust_sd / self.sd, strict=False))
         )
-        return residual_warnings(self.residuals, self.target.discrepancy, ratios)
+        return residual_warnings(self.residuals, self._measured.discrepancy, ratios)
 
     @property
     def _stand_in(self) -> StandIn | None:
         """What the sampled model knows as a stand-in for another; None for a model that stands for itself."""
-        return self.target.model.stand_in if isinstance(self.target, Posterior) else None
+        return None if self._measured is None else self._measured.model.stand_in
 
     def _surrogate_matters(self, error: float, unexplained: float) -> bool:
         """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
@@ -331,10 +333,10 @@ class SamplingResult:
     def _outside(self) -> float:
         """Share of the draws that lie outside the range of a surrogate that is not certified."""
         stand_in = self._stand_in
-        if stand_in is None or self.certified or not isinstance(self.target, Posterior):
+        if stand_in is None or self.certified:
             return 0.0
-        draws = self.thinned(10_000)
-        return float(stand_in.outside(np.asarray(self.target.model_parameters(draws))).mean())
+        parameters = self._posterior().model_parameters(self.thinned(10_000))
+        return float(stand_in.outside(np.asarray(parameters)).mean())
 
     def predict(
         self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
@@ -363,12 +365,17 @@ class SamplingResult:
             **settings,
         )
 
+    @property
+    def _measured(self) -> Posterior | None:
+        """The posterior that was sampled; None for a bare log density, which has neither model nor measurement."""
+        return self.target if isinstance(self.target, Posterior) else None
+
     def _posterior(self) -> Posterior:
-        if not isinstance(self.target, Posterior):
+        if self._measured is None:
             raise InputError(
                 "prediction", "a bare log density, which has no model", "the result of sampling a Posterior"
             )
-        return self.target
+        return self._measured
 
     # --- ArviZ schema -------------------------------------------------------------------------------------------
 
@@ -389,31 +396,18 @@ class SamplingResult:
         import xarray
 
         chains = self.draws
-        coordinates = {
-            "chain": np.arange(len(chains)),
-            "draw": np.arange(chains.shape[1]),
-            "ensemble": ("chain", np.repeat(np.arange(self.sampler.ensembles), self.sampler.walkers)),
-        }
-        dims = ("chain", "draw")
 
         def by_chain(array: np.ndarray) -> np.ndarray:
             return array[self.discarded :].transpose(1, 2, 0).reshape(len(chains), -1)
 
-        groups: dict[str, Any] = {
-            "posterior": xarray.Dataset(
-                {
-                    n: (dims, chains[:, :, i], {"unit": "SI", "display_unit": self.target.units[n]})
-                    for i, n in enumerate(self.names)
-                },
-                coords=coordinates,
-            ),
-            "sample_stats": xarray.Dataset(
-                {"lp": (dims, by_chain(self.log_density)), "accepted": (dims, by_chain(self.accepted))},
-                coords=coordinates,
-            ),
-        }
-        if isinstance(self.target, Posterior):
-            groups |= predictive.arviz_groups(self.target, self.thinned(STORED_DRAWS), self.seed, predictions)
+        groups = groups_of_draws(
+            chains,
+            np.repeat(np.arange(self.sampler.ensembles), self.sampler.walkers),
+            {"lp": by_chain(self.log_density), "accepted": by_chain(self.accepted)},
+            self.target.units,
+        )
+        if self._measured is not None:
+            groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
             "inference_library": "structid",

@@ -25,6 +25,8 @@ class SurrogateKind:
         Keys of a study file that it understands besides those of every surrogate, and their types as pydantic reads them.
     build : callable, optional
         Makes the settings from the keys that a file gives; the class itself when left out.
+    unused : mapping of (str, str) to tuple of str
+        Of a key and a value that it may have: other keys, which then change nothing.
     """
 
     settings: type[Any]
@@ -32,6 +34,7 @@ class SurrogateKind:
     word: str = ""
     keys: Mapping[str, Any] = field(default_factory=dict)
     build: Callable[..., SurrogateSettings] | None = None
+    unused: Mapping[tuple[str, str], tuple[str, ...]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:

@@ -22,17 +22,6 @@ DEFAULT: SurrogateKind = pod_kriging.KIND
 """What a calibration uses by default."""
 
 
-def by_word() -> dict[str, SurrogateKind]:
-    """Kinds that a study file can name.
-
-    Returns
-    -------
-    dict of str to SurrogateKind
-        By their words.
-    """
-    return {kind.word: kind for kind in KINDS if kind.word}
-
-
 def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     """Read a surrogate that `Surrogate.save` wrote.
 

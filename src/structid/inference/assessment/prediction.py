@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
-from structid.streams import Purpose, derived_seed, stream
+from structid.streams import Purpose, stream
 
 
 @dataclass(frozen=True)
@@ -157,83 +156,3 @@ def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
         fraction = float(((residual**2).sum(axis=0) / about_mean).max())
         worst = max(worst, fraction if np.isfinite(fraction) else np.inf)
     return worst
-
-
-def arviz_groups(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
-    """Groups of the ArviZ schema that need a measurement.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model and measurements.
-    theta : ndarray, shape (draw, parameter)
-        Thinned posterior draws in SI.
-    seed : int
-        Seed of prior draws and discrepancy.
-    predictions : bool
-        Simulate the predictives and the pointwise log-likelihood.
-
-    Returns
-    -------
-    dict of str to xarray.Dataset
-        By group name.
-    """
-    import xarray
-
-    prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values
-    draws = {"chain": [0], "draw": np.arange(len(theta))}
-    groups: dict[str, Any] = {
-        "prior": xarray.Dataset(
-            {n: (("chain", "draw"), prior[None, :, i]) for i, n in enumerate(posterior.names)}, coords=draws
-        )
-    }
-    parts: dict[str, dict[str, Any]] = {}
-    for index, observation in enumerate(posterior.observations):
-        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
-        dims = (f"time{suffix}", f"channel{suffix}")
-        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
-
-        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
-            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
-
-        put("observed_data", f"y{suffix}", observation.values, dims, coords)
-        put(
-            "constant_data",
-            f"excitation{suffix}",
-            observation.record.values,
-            dims[:1],
-            {dims[0]: observation.record.time},
-        )
-        if predictions:
-            every = ("chain", "draw", *dims)
-            put(
-                "posterior_predictive",
-                f"y{suffix}",
-                _observable(posterior, theta, index, seed, Purpose.PREDICTION_ON_THE_RECORD)[None],
-                every,
-                coords | draws,
-            )
-            put(
-                "prior_predictive",
-                f"y{suffix}",
-                _observable(posterior, prior, index, seed, Purpose.PREDICTION_FROM_THE_PRIOR)[None],
-                every,
-                coords | draws,
-            )
-            put(
-                "log_likelihood",
-                f"y{suffix}",
-                posterior.pointwise_log_likelihood(theta, index)[None],
-                every,
-                coords | draws,
-            )
-    return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
-
-
-def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
-    rng = stream(seed, purpose, index)
-    response = posterior.predict(theta, index)
-    unknown = posterior.unknowns(theta, index)
-    observation = posterior.observations[index]
-    dt = observation.record.dt
-    return np.asarray(response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt))

@@ -11,14 +11,3 @@ LAWS: tuple[LawKind, ...] = (
     kernels.MATERN32_KIND,
     kernels.DAMPED_COSINE_KIND,
 )
-
-
-def law_by_word() -> dict[str, LawKind]:
-    """Laws that a study file can name.
-
-    Returns
-    -------
-    dict of str to LawKind
-        By their words.
-    """
-    return {kind.word: kind for kind in LAWS}

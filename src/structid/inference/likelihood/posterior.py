@@ -5,7 +5,6 @@ Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bib
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
@@ -123,7 +122,7 @@ class Posterior(Target):
         """
         if not self.model.traceable:
             return super().traceable()
-        return lambda phi, data: self._in_coordinates(phi, data)[0], self.data
+        return self._in_coordinates, self.data
 
     def mapped_by(self, map: Map | None) -> Posterior:
         """Return the same posterior, with a map that does the runs of an external solver.
@@ -230,17 +229,13 @@ class Posterior(Target):
         """What the density inside JAX takes of each observation."""
         return self.likelihood.measured
 
-    def _log_density(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
+    def _parts(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
+        """Log prior, log-likelihood and failure of every run, inside JAX."""
         likelihood, finite = self.likelihood.traced(theta, data)
         prior = self.space.jax_log_density(theta)
         inside = jnp.isfinite(prior)
-        density = jnp.where(finite & inside, prior + likelihood, -jnp.inf)
-        return density, jnp.where(finite & inside, likelihood, -jnp.inf), inside & ~finite
-
-    def _in_coordinates(self, phi: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
-        theta, jacobian = self.bijection.forward(phi)
-        density, _, failed = self._log_density(theta, data)
-        return density + jacobian, failed
+        outside = -jnp.inf
+        return jnp.where(inside, prior, outside), jnp.where(finite & inside, likelihood, outside), inside & ~finite
 
     def parts_in_coordinates(self, phi: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
         """Log prior and log-likelihood, inside JAX.
@@ -258,29 +253,28 @@ class Posterior(Target):
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
         theta, jacobian = self.bijection.forward(phi)
-        _, likelihood, failed = self._log_density(theta, data)
-        return self.space.jax_log_density(theta) + jacobian, likelihood, failed
+        prior, likelihood, failed = self._parts(theta, data)
+        return prior + jacobian, likelihood, failed
 
-    @cached_property
-    def _compiled(self) -> dict[str, Callable[..., Any]]:
-        over_cores = functools.partial(over_runs, shard=self.likelihood.loops_over_time)
-        return {
-            "density": over_cores(self._log_density),
-            "coordinates": over_cores(self._in_coordinates),
-            "parts": over_cores(self.parts_in_coordinates),
-        }
+    def _in_coordinates(self, phi: Any, data: Sequence[Measured]) -> Any:
+        prior, likelihood, _ = self.parts_in_coordinates(phi, data)
+        return prior + likelihood
 
     # --- densities on the host ----------------------------------------------------------------------------------
 
+    @cached_property
+    def _compiled(self) -> Callable[..., Any]:
+        # The one program with the model in it. φ is mapped to θ before, by a small one, so that no model is compiled twice.
+        return over_runs(self._parts, shard=self.likelihood.loops_over_time)
+
     def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log density, log-likelihood and failure of every run."""
+        """Log prior, log-likelihood and failure of every run."""
         theta = self.likelihood.points(theta)
         if self.model.traceable:
-            density, likelihood, failed = in_batches(self._compiled["density"], theta, self.data)
-            return density, likelihood, failed
+            prior, likelihood, failed = in_batches(self._compiled, theta, self.data)
+            return prior, likelihood, failed
         prior = self.space.log_density(theta)
-        likelihood, failed = self.likelihood.on_host(theta, np.isfinite(prior))
-        return prior + likelihood, likelihood, failed
+        return prior, *self.likelihood.on_host(theta, np.isfinite(prior))
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Unnormalised log posterior density; see `Target.log_density`.
@@ -295,7 +289,9 @@ class Posterior(Target):
         ndarray, shape (run,)
             −inf outside the support and where the simulation failed.
         """
-        return self._evaluate(theta)[0]
+        prior, likelihood, _ = self._evaluate(theta)
+        density: np.ndarray = prior + likelihood
+        return density
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
         """Log-likelihood.
@@ -325,12 +321,8 @@ class Posterior(Target):
         tuple of ndarray, shape (run,)
             Log density with respect to φ, and where a simulation failed.
         """
-        if self.model.traceable:
-            found, failed = in_batches(self._compiled["coordinates"], phi, self.data)
-            return found, failed
-        theta, jacobian = self.bijection(phi)
-        density, _, failed = self._evaluate(theta)
-        return density + jacobian, failed
+        prior, likelihood, failed = self.evaluate_parts(phi)
+        return prior + likelihood, failed
 
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood; see `Target.evaluate_parts`.
@@ -345,12 +337,9 @@ class Posterior(Target):
         tuple of ndarray, shape (run,)
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
-        if self.model.traceable:
-            prior, likelihood, failed = in_batches(self._compiled["parts"], phi, self.data)
-            return prior, likelihood, failed
         theta, jacobian = self.bijection(phi)
-        _, likelihood, failed = self._evaluate(theta)
-        return self.space.log_density(theta) + jacobian, likelihood, failed
+        prior, likelihood, failed = self._evaluate(theta)
+        return prior + jacobian, likelihood, failed
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.

@@ -64,14 +64,3 @@ SAMPLERS: tuple[SamplerKind, ...] = (
     SamplerKind(NUTS, "nuts", hidden=("deepest",)),
     SamplerKind(DelayedAcceptance, "delayed_acceptance", hidden=("approximation",)),
 )
-
-
-def sampler_by_word() -> dict[str, SamplerKind]:
-    """Samplers that a study file can name.
-
-    Returns
-    -------
-    dict of str to SamplerKind
-        By their words.
-    """
-    return {kind.word: kind for kind in SAMPLERS}

@@ -14,9 +14,10 @@ from structid.inference.sampling.sampler import Sampler
 from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.space import Design, ParameterSpace
+from structid.study.building.named_kind import kind_named
 from structid.study.schema.study_file import StudyFile
+from structid.surrogates import registry
 from structid.surrogates.kind import SurrogateKind
-from structid.surrogates.registry import by_word
 from structid.units import to_si
 
 
@@ -113,7 +114,7 @@ class BuiltStudy:
     @property
     def surrogate_kind(self) -> SurrogateKind | None:
         """Kind of the surrogate, if one stands in for the model."""
-        return by_word().get(self.file.surrogate.kind)
+        return kind_named(self.file.surrogate.kind, registry.KINDS) if self.has_surrogate else None
 
     @property
     def has_surrogate(self) -> bool:

@@ -8,10 +8,11 @@ import numpy as np
 
 from structid.ground_motion.record import GroundMotion
 from structid.probability.space import Design, ParameterSpace
+from structid.study.building.named_kind import kind_named
 from structid.study.building.records import load_record
 from structid.study.schema.static_tables import CampaignSection
 from structid.study.schema.study_file import StudyFile
-from structid.surrogates.registry import by_word
+from structid.surrogates import registry
 
 SURROGATE_RUNS = 500
 """Number of true runs, for a study with a surrogate that does not give one."""
@@ -51,6 +52,6 @@ def build_campaign(
     widen = section.widen or (1.0 if kind == "none" else SURROGATE_WIDENING)
     design = space.sample(section.runs, seed, section.method, widen)
     records = (*(driven_by[:1] if kind == "none" else driven_by), *further)
-    if kind != "none" and by_word()[kind].own_records:  # every point on each of them
+    if kind != "none" and kind_named(kind, registry.KINDS).own_records:  # every point on each of them
         design = Design(np.repeat(design.values, len(records), axis=0), space)
     return design, records

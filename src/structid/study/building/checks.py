@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.calibration.sequential import Plan
-from structid.errors import InputError
+from structid.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
 from structid.optimize.region import region
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
-from structid.surrogates.registry import by_word
+from structid.surrogates.registry import DEFAULT
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
@@ -80,7 +80,7 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
             not study.has_surrogate,
             "table 'calibration'",
             "no kind of [surrogate]",
-            f"a surrogate such as '{next(iter(by_word()))}'",
+            f"a surrogate such as '{DEFAULT.word}'",
         ),
         (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
         (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
@@ -98,8 +98,5 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
 def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excitation]) -> None:
     """What fitting would refuse, reported before hours of true runs."""
     settings = surrogate_settings(study.file.surrogate)
-    try:
+    with within("tables 'surrogate' and 'campaign'"):
         settings.check(design, records, study.model.channels)
-    except InputError as error:
-        where = f"tables 'surrogate' and 'campaign': {error.where}"
-        raise InputError(where, error.came, error.allowed, error.cure) from None

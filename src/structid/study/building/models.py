@@ -11,7 +11,8 @@ from structid.models.face import Model
 from structid.models.kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
-from structid.study.kinds.model_list import model_by_word
+from structid.study.building.named_kind import kind_named
+from structid.study.kinds import model_list
 from structid.study.schema.static_tables import ModelSection
 
 
@@ -43,7 +44,7 @@ def build_model(
     InputError
         If a parameter has a value and a prior, or the model has no such parameter.
     """
-    kind = model_by_word()[section.type]
+    kind = kind_named(section.type, model_list.MODELS)
     given = _given(section)
     if kind.parameters is None:
         return kind.build(ModelRequest(given, space, (), channels, folder))
@@ -94,5 +95,5 @@ def true_model(section: ModelSection, channels: tuple[str, ...], folder: Path) -
     Model
         Without free parameters.
     """
-    given = _given(section)
-    return model_by_word()[section.type].build(ModelRequest(given, ParameterSpace(), (), channels, folder))
+    kind = kind_named(section.type, model_list.MODELS)
+    return kind.build(ModelRequest(_given(section), ParameterSpace(), (), channels, folder))

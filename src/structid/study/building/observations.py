@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from structid.channels import standard_unit
-from structid.errors import InputError
+from structid.errors import InputError, within
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
+from structid.inference.likelihood import law_list
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED
-from structid.inference.likelihood.law_list import law_by_word
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Model
 from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
+from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
@@ -106,10 +107,8 @@ def _si_unit(section: ObservationSection, where: str) -> str:
     known = standard_unit(section.channels[0]).si
     if known or section.unit is None:
         return known
-    try:
+    with within(where):
         return si_unit(section.unit)
-    except InputError as error:
-        raise InputError(f"{where}: {error.where}", error.came, error.allowed, error.cure) from None
 
 
 def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepancy:
@@ -133,11 +132,9 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepan
         If the law does not know a key, or does not take a value.
     """
     section = file.discrepancy
-    kind = law_by_word()[section.kind]
+    kind = kind_named(section.kind, law_list.LAWS)
     given = section.model_fields_set - {"kind"}
-    for key in given:
-        if key not in kind.keys:
-            raise InputError(f"key 'discrepancy.{key}'", f"a key that {kind.word} does not know", ", ".join(kind.keys))
+    check_keys("discrepancy", kind.word, given, kind.keys)
     units = set(si_units.values())
     for key, measures in kind.quantities.items():
         if measures == SQUARED and getattr(section, key) is not None and len(units) > 1:
@@ -154,8 +151,6 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepan
         if key in given
     }
     values |= {key: getattr(section, key) for key in kind.switches if key in given}
-    try:
+    with within("table 'discrepancy'"):
         law: Discrepancy = kind.law(**values)
-    except InputError as error:
-        raise InputError(f"table 'discrepancy': {error.where}", error.came, error.allowed, error.cure) from None
     return law

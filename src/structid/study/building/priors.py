@@ -9,7 +9,8 @@ from structid.errors import InputError
 from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
-from structid.study.kinds.model_list import model_by_word
+from structid.study.building.named_kind import kind_named
+from structid.study.kinds import model_list
 from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import StudyFile
 from structid.units import factor, to_si
@@ -83,7 +84,7 @@ def parameter_prior(file: StudyFile, name: str) -> Marginal:
         Its prior.
     """
     base = name.rpartition("_")[0] if name.rpartition("_")[2].isdigit() else name
-    kind = model_by_word()[file.model.type]
+    kind = kind_named(file.model.type, model_list.MODELS)
     unit = None
     if kind.parameter_unit is not None:
         unit = kind.parameter_unit(base, file.model.model_dump(), (*file.parameters, *file.derived))

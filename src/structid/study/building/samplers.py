@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from structid.calibration.sequential import Plan
-from structid.errors import InputError
+from structid.errors import InputError, within
+from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler import Sampler
-from structid.inference.sampling.sampler_list import sampler_by_word
+from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.schema.kinds import SamplerSection
 from structid.study.schema.static_tables import CalibrationSection
 
@@ -28,13 +29,9 @@ def build_sampler(section: SamplerSection) -> Sampler:
     InputError
         If the sampler does not know a key, or does not take a value.
     """
-    kind = sampler_by_word()[section.kind]
+    kind = kind_named(section.kind, sampler_list.SAMPLERS)
     given = {k: v for k, v in section.model_dump(exclude={"kind"}).items() if v is not None}
-    for key in given:
-        if key not in kind.keys:
-            raise InputError(
-                f"key 'sampler.{key}'", f"a key that {kind.word} does not know", ", ".join(sorted(kind.keys))
-            )
+    check_keys("sampler", kind.word, given, sorted(kind.keys))
     try:
         return kind.made(given)
     except InputError as error:
@@ -62,7 +59,5 @@ def build_plan(section: CalibrationSection | None) -> Plan | None:
     """
     if section is None:
         return None
-    try:
+    with within("table 'calibration'"):
         return Plan(**section.model_dump())
-    except InputError as error:
-        raise InputError(f"table 'calibration': {error.where}", error.came, error.allowed, error.cure) from None

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError
+from structid.errors import InputError, within
 from structid.models.face import Progress
 from structid.runs import Runs
+from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.schema.kinds import SurrogateSection
+from structid.surrogates import registry
 from structid.surrogates.face import Surrogate, SurrogateSettings
-from structid.surrogates.registry import by_word, load_surrogate
-
-_JOINT_ONLY = ("degree", "horizons", "steps", "refinements")
-_SPARSE_ONLY = ("degree", "hyperbolic_norm", "interaction")
+from structid.surrogates.kind import SurrogateKind
 
 _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 
@@ -36,29 +36,18 @@ def surrogate_settings(section: SurrogateSection) -> SurrogateSettings:
     InputError
         If the kind does not know a key, or does not take a value.
     """
-    kind = by_word()[section.kind]
+    kind = kind_named(section.kind, registry.KINDS)
     given = {k: v for k, v in section.model_dump(exclude_unset=True).items() if k not in _COMMON and v is not None}
-    for key in given:
-        if key not in kind.keys:
-            raise InputError(
-                f"key 'surrogate.{key}'",
-                f"a key that {kind.word} does not know",
-                ", ".join(sorted((*_COMMON, *kind.keys))),
-            )
-    _check_used(given)
+    check_keys("surrogate", kind.word, given, sorted((*_COMMON, *kind.keys)))
+    _check_used(given, kind)
     common = {k: getattr(section, k) for k in ("limit", "outside") if getattr(section, k) is not None}
-    try:
+    with within("table 'surrogate'"):
         return kind.made({**given, **common})
-    except InputError as error:
-        raise InputError(f"table 'surrogate': {error.where}", error.came, error.allowed, error.cure) from None
 
 
-def _check_used(given: dict[str, Any]) -> None:
+def _check_used(given: Mapping[str, Any], kind: SurrogateKind) -> None:
     """Refuse keys that another one makes meaningless: nobody should wonder why they change nothing."""
-    for switch, value, unused in (
-        ("training", "per-experiment", _JOINT_ONLY),
-        ("method", "shrinkage", _SPARSE_ONLY),
-    ):
+    for (switch, value), unused in kind.unused.items():
         for key in unused:
             if given.get(switch) == value and key in given:
                 raise InputError(
@@ -87,7 +76,7 @@ def fitted_surrogate(section: SurrogateSection, runs: Runs, path: Path | None, p
         Fitted, not yet validated.
     """
     settings = surrogate_settings(section)
-    surrogate = load_surrogate(path) if path is not None and path.is_file() else None
+    surrogate = registry.load_surrogate(path) if path is not None and path.is_file() else None
     # Failed runs that have been repeated since, and have now succeeded, are worth another fit.
     stale = surrogate is None or surrogate.fitted.runs != int(runs.done.sum())
     if surrogate is None or stale:

@@ -13,14 +13,3 @@ MODELS: tuple[ModelKind, ...] = (
     external_models.PROGRAM,
     external_models.UMBRIDGE,
 )
-
-
-def model_by_word() -> dict[str, ModelKind]:
-    """Kinds of model by what a study file calls them.
-
-    Returns
-    -------
-    dict of str to ModelKind
-        By their words.
-    """
-    return {kind.word: kind for kind in MODELS}

@@ -66,7 +66,7 @@ class Kriging:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        if not isinstance(self.trend, PCE):
+        if isinstance(self.trend, str):
             check_choice("Kriging.trend", self.trend, ("constant", "linear", "quadratic"))
         check_choice("Kriging.correlation", self.correlation, FAMILIES)
         check_choice("Kriging.estimation", self.estimation, ("ml", "cv"))
@@ -141,7 +141,7 @@ class Kriging:
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
         """Terms of the trend."""
         space = design.space
-        if not isinstance(self.trend, PCE):
+        if isinstance(self.trend, str):
             degree = {"constant": 0, "linear": 1, "quadratic": 2}[self.trend]
             return PolynomialBasis(space, multi_indices(space.dimension, degree))
         expansion = self.trend.fit(design, outputs)

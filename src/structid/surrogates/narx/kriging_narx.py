@@ -18,7 +18,7 @@ from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_setti
 from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
-from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings
+from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
 
 
 @dataclass(frozen=True)
@@ -85,4 +85,5 @@ KIND = SurrogateKind(
     "kriging_narx",
     {**NARX_KEYS, "refinements": Annotated[int, Field(ge=0)], **KRIGING_KEYS},
     from_keys,
+    {("training", "per-experiment"): (*JOINT_KEYS, "refinements")},
 )

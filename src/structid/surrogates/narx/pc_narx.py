@@ -15,7 +15,7 @@ from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
-from structid.surrogates.narx.settings import NARX_KEYS, NARXSettings
+from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
 
 
 @dataclass(frozen=True)
@@ -52,4 +52,4 @@ class PCNARX(NARXSettings):
         return NARXFit(self, runs, progress, weights=weights).pc_narx(self.pce)
 
 
-KIND = SurrogateKind(PCNARX, ParametricNARX, "pc_narx", NARX_KEYS)
+KIND = SurrogateKind(PCNARX, ParametricNARX, "pc_narx", NARX_KEYS, unused={("training", "per-experiment"): JOINT_KEYS})

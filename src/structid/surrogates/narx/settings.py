@@ -198,3 +198,6 @@ NARX_KEYS = {
     "washout": Annotated[Seconds, Field(ge=0)],
 }
 """Keys of a study file that every NARX understands, and their types; `NARXSettings` says what they mean."""
+
+JOINT_KEYS = ("degree", "horizons", "steps")
+"""Those of them that only the joint training uses."""

@@ -108,4 +108,11 @@ PCE_KEYS = {
 }
 """Keys of a study file that are the expansion's."""
 
-KIND = SurrogateKind(PODPCE, ResponseSpaceSurrogate, "pod_pce", {"left_out_energy": float, **PCE_KEYS}, from_keys)
+KIND = SurrogateKind(
+    PODPCE,
+    ResponseSpaceSurrogate,
+    "pod_pce",
+    {"left_out_energy": float, **PCE_KEYS},
+    from_keys,
+    {("method", "shrinkage"): ("degree", "hyperbolic_norm", "interaction")},
+)

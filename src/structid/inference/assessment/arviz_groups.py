@@ -1,0 +1,130 @@
+"""Groups of the ArviZ schema: draws and their statistics, and for a posterior its measurement and predictions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.inference.likelihood.posterior import Posterior
+from structid.streams import Purpose, derived_seed, stream
+
+
+def groups_of_draws(
+    draws: np.ndarray, ensemble: np.ndarray, statistics: Mapping[str, np.ndarray], units: Mapping[str, str]
+) -> dict[str, Any]:
+    """Groups that every sampler has: the posterior and the statistics of its draws.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (chain, draw, parameter)
+        In SI.
+    ensemble : ndarray of int, shape (chain,)
+        The ensemble each chain belongs to.
+    statistics : mapping of str to ndarray, shape (chain, draw)
+        Of every draw.
+    units : mapping of str to str
+        Display unit of every parameter, in order.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    dims = ("chain", "draw")
+    coordinates = {
+        "chain": np.arange(len(draws)),
+        "draw": np.arange(draws.shape[1]),
+        "ensemble": ("chain", ensemble),
+    }
+    posterior = {
+        name: (dims, draws[:, :, i], {"unit": "SI", "display_unit": unit})
+        for i, (name, unit) in enumerate(units.items())
+    }
+    return {
+        "posterior": xarray.Dataset(posterior, coords=coordinates),
+        "sample_stats": xarray.Dataset({name: (dims, v) for name, v in statistics.items()}, coords=coordinates),
+    }
+
+
+def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
+    """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (draw, parameter)
+        Thinned posterior draws in SI.
+    seed : int
+        Seed of prior draws and discrepancy.
+    predictions : bool
+        Simulate the predictives and the pointwise log-likelihood.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values
+    draws = {"chain": [0], "draw": np.arange(len(theta))}
+    groups: dict[str, Any] = {
+        "prior": xarray.Dataset(
+            {n: (("chain", "draw"), prior[None, :, i]) for i, n in enumerate(posterior.names)}, coords=draws
+        )
+    }
+    parts: dict[str, dict[str, Any]] = {}
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        dims = (f"time{suffix}", f"channel{suffix}")
+        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
+
+        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
+
+        put("observed_data", f"y{suffix}", observation.values, dims, coords)
+        put(
+            "constant_data",
+            f"excitation{suffix}",
+            observation.record.values,
+            dims[:1],
+            {dims[0]: observation.record.time},
+        )
+        if predictions:
+            every = ("chain", "draw", *dims)
+            put(
+                "posterior_predictive",
+                f"y{suffix}",
+                _observable(posterior, theta, index, seed, Purpose.PREDICTION_ON_THE_RECORD)[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "prior_predictive",
+                f"y{suffix}",
+                _observable(posterior, prior, index, seed, Purpose.PREDICTION_FROM_THE_PRIOR)[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "log_likelihood",
+                f"y{suffix}",
+                posterior.pointwise_log_likelihood(theta, index)[None],
+                every,
+                coords | draws,
+            )
+    return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
+
+
+def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
+    rng = stream(seed, purpose, index)
+    response = posterior.predict(theta, index)
+    unknown = posterior.unknowns(theta, index)
+    observation = posterior.observations[index]
+    dt = observation.record.dt
+    return np.asarray(response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt))
