@@ -5,6 +5,9 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
 SIDE_BY_SIDE := -n 2 --dist loadfile
+# Half of the quick tests' time is compiling, and a third of that is optimising what then runs for a moment.
+# The slow tests, and the other interpreters, compile as users do.
+PLAIN_COMPILER := XLA_FLAGS=--xla_backend_optimization_level=0
 
 .PHONY: demo test test-slow lint format bench lock clean
 
@@ -12,7 +15,7 @@ demo: $(READY)
 	$(BIN)/structid demo --out demo
 
 test: $(READY)
-	$(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
+	$(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
 	$(BIN)/pytest $(SIDE_BY_SIDE) -q -m slow

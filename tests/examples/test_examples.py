@@ -40,10 +40,11 @@ def test_no_example_is_forgotten():
     assert {p.name for p in EXAMPLES.iterdir() if p.is_dir() and p.name != "__pycache__"} == FOLDERS
 
 
+@pytest.mark.slow
 @pytest.mark.rendered
 @pytest.mark.parametrize(
     ("name", "limit"),
-    [("FD_PG1_Almeida2012.csv", 0.10), pytest.param("FD_T11_Faella1992.csv", 0.12, marks=pytest.mark.slow)],
+    [("FD_PG1_Almeida2012.csv", 0.10), ("FD_T11_Faella1992.csv", 0.12)],
 )
 def test_a_cyclic_test_is_fitted_in_displacement_driven_mode(shared_data, tmp_path, name, limit, capsys):
     unexplained = imported("cyclic_test").main(shared_data / "hysteresis" / name, tmp_path / "loops")
@@ -59,6 +60,7 @@ def test_the_real_record_study_builds(strong_motion):
     assert len(built.record) == 4001
 
 
+@pytest.mark.slow
 def test_the_readme_script_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = imported("calibrate_in_python").main(steps=60)

@@ -35,6 +35,7 @@ def start(script, store, out):
     )
 
 
+@pytest.mark.slow
 def test_killed_again_and_again_and_resumed_gives_the_same_bits(tmp_path):
     script = tmp_path / "run.py"
     script.write_text(SCRIPT)

@@ -38,11 +38,12 @@ def test_a_certified_study(tmp_path):
     assert page.index(head) < page.index("<h3>Posterior</h3>")
     assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
     assert "surrogate's own error (" not in page  # what is certified needs no warning
-    again = run_study(study, tmp_path / "out", resume=True)
+    again = report_again(tmp_path / "out")
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
-    assert report_again(tmp_path / "out").report.read_text().count("<figure>") == page.count("<figure>")
+    assert again.report.read_text().count("<figure>") == page.count("<figure>")
 
 
+@pytest.mark.slow
 def test_a_study_that_is_not_certified_says_so_and_goes_on_with_more_runs(tmp_path):
     """A surrogate far too smooth, and no budget to make it better; what rests on it is done again with the next one."""
     budget = CALIBRATION.replace("true_runs = 300", "true_runs = 160")

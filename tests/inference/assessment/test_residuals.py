@@ -56,6 +56,7 @@ def test_what_white_and_correlated_residuals_say():
     assert narrow.spectrum[0][np.argmax(narrow.spectrum[1])] == pytest.approx(4.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_robust_and_plain_agree_where_the_law_is_right_and_not_where_it_is_wrong(short_posterior):
     """The same oscillator, measured with white noise and with AR(1) noise: scatter of the estimate is √((1+φ)/(1−φ)) wider."""
     observation = short_posterior.observations[0]

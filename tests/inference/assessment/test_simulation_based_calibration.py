@@ -27,6 +27,7 @@ def posterior(pieces, law):
     return si.Posterior(space, model, observation, law)
 
 
+@pytest.mark.slow
 def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
     variance = pieces[-1]
     law = si.IID(variance=si.LogNormal(mean=variance, sd=0.3 * variance))

@@ -38,7 +38,9 @@ class Counted(si.LogDensity):
         return super().evaluate(phi)
 
 
-@pytest.mark.parametrize(("shift", "scale"), [(0.0, 1.0), (0.6, 1.0), (0.0, 1.4), (0.0, 0.8)])
+@pytest.mark.parametrize(
+    ("shift", "scale"), [(0.0, 1.0), (0.6, 1.0), pytest.param(0.0, 1.4, marks=pytest.mark.slow), (0.0, 0.8)]
+)
 def test_the_draws_are_the_model_s_whatever_the_surrogate(shift, scale):
     settings = SETTINGS if (shift, scale) == (0.0, 1.0) else replace(SETTINGS, steps=300)
     result = si.sample(gaussian(), replace(settings, approximation=gaussian(shift, scale)), seed=1)

@@ -34,7 +34,9 @@ def moment_errors(result, mean, sd):
     return np.array(z_mean), np.array(z_sd)
 
 
-@pytest.mark.parametrize("de", [0.0, 0.5, 1.0], ids=["stretch", "mixed", "differential"])
+@pytest.mark.parametrize(
+    "de", [0.0, pytest.param(0.5, marks=pytest.mark.slow), 1.0], ids=["stretch", "mixed", "differential"]
+)
 @pytest.mark.parametrize("name", TARGETS)
 def test_moments_within_their_monte_carlo_error(name, de):
     make, mean, sd = TARGETS[name]
@@ -103,7 +105,7 @@ def independent_moves(monkeypatch, factor):
     monkeypatch.setattr("structid.inference.sampling.moves.Moves.propose", propose)
 
 
-@pytest.mark.parametrize("name", TARGETS)
+@pytest.mark.parametrize("name", [n if n == "skewed" else pytest.param(n, marks=pytest.mark.slow) for n in TARGETS])
 def test_moments_with_independence_moves(name, monkeypatch):
     make, mean, sd = TARGETS[name]
     independent_moves(monkeypatch, 1.0)

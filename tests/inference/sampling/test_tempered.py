@@ -236,6 +236,7 @@ def test_a_killed_run_goes_on_to_the_same_bits(tmp_path):
     np.testing.assert_array_equal(longer.history, si.sample(problem.target, replace(SMALL, steps=70), seed=7).history)
 
 
+@pytest.mark.slow
 def test_on_a_posterior_it_agrees_with_the_ensemble():
     record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 9.0).scale_to_pga(2.0)
     space = si.ParameterSpace(

@@ -145,11 +145,12 @@ def test_the_lead_in_of_a_periodic_record_is_run_through():
 CYCLE = np.arange(800) * 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("channel", "excitation", "limit"),
     [
-        pytest.param("displacement", None, 1e-3, marks=pytest.mark.slow),
-        pytest.param("relative_acceleration", None, 1e-3, marks=pytest.mark.slow),
+        ("displacement", None, 1e-3),
+        ("relative_acceleration", None, 1e-3),
         ("restoring_force", si.DisplacementHistory(0.02 * np.sin(1.5 * CYCLE) * CYCLE / 16.0, 0.02), 1e-3),
     ],
 )
@@ -181,7 +182,7 @@ def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_
 @pytest.mark.parametrize(
     "kind",
     [
-        si.PCNARX(degree=1, steps=6),
+        si.PCNARX(degree=1, steps=4),
         pytest.param(si.KrigingNARX(degree=1, steps=6, refinements=1), marks=pytest.mark.slow),
     ],
     ids=["PCNARX", "KrigingNARX"],

@@ -5,8 +5,9 @@ M. D. Hoffman & A. Gelman (2014), "The No-U-Turn sampler", JMLR 15, 1593-1623; B
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar
 
 import jax
@@ -129,7 +130,7 @@ class NUTS(Sampler):
         Drawn
             The draws after the warm-up.
         """
-        kernels = _Kernels(target, self)
+        kernels = _kernels(target, replace(self, steps=2))
         total = self.warm_up + self.steps
         lengths = list(block_lengths(self.steps))
         blocks = blocks[:1] + without_cut_off(blocks[1:], lengths)
@@ -167,6 +168,12 @@ class NUTS(Sampler):
                 f"None of {len(candidates)} starting points has a finite log density. Check the priors."
             )
         return np.asarray(finite[rng.choice(len(finite), size=self.chains, replace=len(finite) < self.chains)])
+
+
+@functools.lru_cache(maxsize=2)
+def _kernels(target: Target, settings: NUTS) -> _Kernels:
+    """The same for every run on one target, however long: going on with a chain compiles nothing again."""
+    return _Kernels(target, settings)
 
 
 class _Kernels:
