@@ -4,7 +4,7 @@ import jax
 import numpy as np
 
 import structid as si
-from structid.inference.target import LogDensity
+from structid.inference.target import InCoordinates, LogDensity
 
 
 def test_bare_log_densities_numpy_and_jax_agree():
@@ -20,3 +20,27 @@ def test_bare_log_densities_numpy_and_jax_agree():
     np.testing.assert_allclose(host.evaluate(phi)[0], device.evaluate(phi)[0], rtol=1e-10)
     broken = LogDensity(lambda t: np.full(len(t), np.nan), "abc", start)
     assert broken.evaluate(phi)[1].all() and (broken.evaluate(phi)[0] == -np.inf).all()
+
+
+def test_a_density_in_the_coordinates_of_another():
+    """The same density of θ, and the same prior, whose Jacobian alone has changed; and none outside its own support."""
+    prior = si.ParameterSpace(a=si.Normal(0, 1), b=si.Gamma(mean=2, sd=1))
+
+    def density(theta):
+        with np.errstate(invalid="ignore"):
+            return -0.5 * theta[:, 0] ** 2 - theta[:, 1] + np.log(theta[:, 1])
+
+    own = LogDensity(density, "ab", prior, {"b": (0.0, np.inf)})
+    other = LogDensity(density, "ab", prior, {"a": (-5.0, 5.0)})
+    moved = InCoordinates(own, other.bijection)
+    phi = moved.initial(5, np.random.default_rng(0))
+    theta, jacobian = other.bijection(phi)
+    np.testing.assert_allclose(moved.evaluate(phi)[0], density(theta) + jacobian, rtol=1e-12)
+    for found, expected in zip(moved.evaluate_parts(phi)[:2], other.evaluate_parts(phi)[:2], strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-10)
+    outside = other.bijection.inverse(np.array([[0.5, -1.0]]))
+    assert moved.evaluate(outside)[0] == -np.inf and moved.evaluate_parts(outside)[0] == -np.inf
+    assert (
+        own.bijection != other.bijection
+        and own.bijection == LogDensity(density, "ab", prior, {"b": (0.0, np.inf)}).bijection
+    )

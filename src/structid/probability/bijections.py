@@ -80,8 +80,19 @@ class Bijection:
         return np.stack(columns, axis=-1)
 
     @property
+    def _numbers(self) -> tuple[tuple[tuple[float, float], ...], tuple[float, ...]]:
+        """Bounds and scales, which say all of it."""
+        return tuple((low, high) for low, high in self.bounds.tolist()), tuple(self.scales.tolist())
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Bijection) and self._numbers == other._numbers
+
+    def __hash__(self) -> int:
+        return hash(self._numbers)
+
+    @property
     def _compiled_forward(self) -> Any:
-        return _compiled_forward(tuple(map(tuple, self.bounds.tolist())), tuple(self.scales.tolist()))
+        return _compiled_forward(*self._numbers)
 
     def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Map ℝᵈ to the box, on the host.

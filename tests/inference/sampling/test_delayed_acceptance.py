@@ -65,6 +65,13 @@ def test_a_perfect_surrogate_makes_every_true_run_a_draw():
     assert "moves for each true run" in str(result.cost)
 
 
+def test_a_density_with_other_bounds_proposes_in_the_coordinates_of_the_target():
+    """It would be of other θ at the same φ, and nearly all that it proposes would be refused."""
+    bounded = si.LogDensity(gaussian()._function, SPACE.names, SPACE, dict.fromkeys(SPACE.names, (-4.0, 9.0)))
+    result = si.sample(bounded, replace(SETTINGS, approximation=gaussian()), seed=2)
+    assert result.cost.acceptance > 0.99
+
+
 def test_the_law_of_independence_moves_is_learnt_while_tuning_and_then_stays():
     """A law that went on learning from the chain that it moves would make that no Markov chain."""
     blocks = []

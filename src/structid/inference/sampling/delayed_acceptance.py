@@ -17,7 +17,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
 from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.starting import tempered_draws
-from structid.inference.target import Target
+from structid.inference.target import InCoordinates, Target
 from structid.models.face import Model, Progress
 from structid.streams import Purpose, stream
 
@@ -250,7 +250,8 @@ class DelayedAcceptance(Sampler):
                 "nothing" if approximation is None else f"a {type(approximation).__name__}",
                 f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
             )
-        return approximation
+        same_coordinates = approximation.bijection == target.bijection
+        return approximation if same_coordinates else InCoordinates(approximation, target.bijection)
 
     def _start(
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
