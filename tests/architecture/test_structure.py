@@ -124,8 +124,19 @@ def test_docstrings_agree_with_signatures(name):
     assert not missing and not extra, f"{name}: not documented {missing}, documented but not there {extra}"
 
 
-def test_help_answers_at_once_without_the_heavy_libraries():
-    code = "import sys, structid.cli; print([m for m in ('jax', 'numpyro', 'arviz', 'matplotlib', 'scipy') if m in sys.modules])"
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("structid.cli", ("jax", "numpyro", "arviz", "matplotlib", "scipy")),
+        # Every child process of a guarded solver imports it.
+        (
+            "structid.solvers.external",
+            ("jax", "numpyro", "arviz", "matplotlib", "scipy.stats", "scipy.signal", "scipy.special"),
+        ),
+    ],
+)
+def test_what_should_start_at_once_loads_no_heavy_library(module, heavy):
+    code = f"import sys, {module}; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -190,6 +190,7 @@ def test_a_surrogate_that_weights_can_mend(space, model, measured, reference):
     assert off[0] < plain[0] and plain[0] > 4.0 * its_own
 
 
+@SLOW
 def test_a_mode_that_the_surrogate_has_lost(measured):
     """Displacement by a², so that a and −a are alike: a surrogate of the positive half finds one mode, and is refused."""
     record = measured.record
@@ -288,6 +289,7 @@ class Weighed(si.PCNARX):
         return si.PODKriging().fit(runs, progress)
 
 
+@SLOW
 def test_a_narx_is_fitted_to_the_runs_near_the_posterior(space, model, measured, reference):
     settings = Weighed(degree=1)
     found = si.calibrate(model, space, [measured], settings, plan=PLAN, sampler=EXPLORER, seed=1)

@@ -30,7 +30,7 @@ SAMPLERS = {
     "AIES": (si.AIES, dict(walkers=20, ensembles=4, discard=0.2), 1500),
     "SMC": (si.SMC, dict(particles=200, ensembles=4, effective_share=0.5, correlation=0.5), 20),
     "NUTS": (si.NUTS, dict(warm_up=200), 600),
-    "DelayedAcceptance": (si.DelayedAcceptance, dict(discard=0.5, tuning=10, most_sub_steps=64), 60),
+    "DelayedAcceptance": (si.DelayedAcceptance, dict(discard=0.5, tuning=10, most_sub_steps=16), 60),
 }
 
 

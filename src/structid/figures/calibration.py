@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from structid.figures.style import ACCENT, MODEL, MUTED, WIDTH, canvas, finish, pretty, styled
 
@@ -94,10 +95,8 @@ def ranks(
     Figure
         One panel for each parameter. The grey band contains 99 % of the bins if the ranks are uniform.
     """
-    from scipy.stats import binom  # takes longer to import than all other figures together
-
     bins = counts.shape[1]
-    low, high = binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
+    low, high = scipy.stats.binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
     figure, axes = canvas(rows, columns, height=2.1, sharey=True)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+import scipy
 
 from structid.figures.style import (
     ACCENT,
@@ -303,8 +304,6 @@ def residuals(
     Figure
         Three panels.
     """
-    from scipy.stats import norm  # takes longer to import than all other figures together
-
     figure, axes = canvas(1, 3, height=2.4)
     left, middle, right = axes[0]
     left.axhspan(-bound, bound, color=MUTED, alpha=0.3, lw=0)
@@ -318,7 +317,7 @@ def residuals(
     middle.set_title("power over that of white noise", loc="left")
     name_axes(middle, ("frequency", "Hz"), ("", ""))
     ordered = np.sort(values)
-    quantiles = norm.ppf((np.arange(len(ordered)) + 0.5) / len(ordered))
+    quantiles = scipy.stats.norm.ppf((np.arange(len(ordered)) + 0.5) / len(ordered))
     ends = np.array([quantiles[0], quantiles[-1]])
     right.plot(ends, ends, color=MUTED, lw=1.2)
     right.plot(quantiles, ordered, ".", ms=2.5, color=ACCENT, rasterized=True)

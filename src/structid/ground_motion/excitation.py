@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.signal
+import scipy
 
 from structid.errors import InputError, check_choice
 from structid.journal import digest

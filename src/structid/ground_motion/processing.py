@@ -5,8 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-import scipy.integrate
-import scipy.signal
+import scipy
 
 from structid.errors import InputError, check_choice
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.signal
-import scipy.spatial
+import scipy
 
 from structid.errors import InputError
 from structid.ground_motion.processing import integrate

@@ -7,9 +7,7 @@ site characteristics", Earthquake Engng Struct. Dyn. 39, 1155-1180, doi 10.1002/
 from __future__ import annotations
 
 import numpy as np
-import scipy.optimize
-import scipy.signal
-import scipy.stats
+import scipy
 
 from structid.errors import InputError
 from structid.streams import Purpose, stream

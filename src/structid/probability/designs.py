@@ -6,8 +6,7 @@ import inspect
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
-from scipy.stats import qmc
+import scipy
 
 from structid.errors import InputError, check_choice
 from structid.streams import Purpose, stream
@@ -47,9 +46,9 @@ def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarra
     elif method == "sobol":
         # Draw up to the next power of two, where the sequence is balanced, and keep the first points.
         power = int(np.ceil(np.log2(max(count, 2))))
-        points = qmc.Sobol(dimension, scramble=True, **_generator(rng)).random_base2(power)[:count]
+        points = scipy.stats.qmc.Sobol(dimension, scramble=True, **_generator(rng)).random_base2(power)[:count]
     else:
-        points = qmc.LatinHypercube(dimension, **_generator(rng)).random(count)
+        points = scipy.stats.qmc.LatinHypercube(dimension, **_generator(rng)).random(count)
         if method == "maximin" and count > 2:
             points = _maximin(points, rng)
     return np.clip(points, 1e-12, 1.0 - 1e-12)
@@ -57,7 +56,7 @@ def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarra
 
 def _generator(rng: np.random.Generator) -> dict[str, Any]:
     # SciPy 1.15 renamed the argument from seed to rng.
-    return {"rng" if "rng" in inspect.signature(qmc.LatinHypercube.__init__).parameters else "seed": rng}
+    return {"rng" if "rng" in inspect.signature(scipy.stats.qmc.LatinHypercube.__init__).parameters else "seed": rng}
 
 
 def smallest_distance(points: np.ndarray) -> float:
@@ -73,14 +72,14 @@ def smallest_distance(points: np.ndarray) -> float:
     float
         The distance.
     """
-    return float(cKDTree(points).query(points, k=2)[0][:, 1].min())
+    return float(scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1].min())
 
 
 def _maximin(points: np.ndarray, rng: np.random.Generator, sweeps: int = 300) -> np.ndarray:
     """Increase the smallest distance between points of a Latin hypercube by exchanging coordinates of the closest pair."""
     best = smallest_distance(points)
     for _ in range(sweeps):
-        distance = cKDTree(points).query(points, k=2)[0][:, 1]
+        distance = scipy.spatial.cKDTree(points).query(points, k=2)[0][:, 1]
         row, column = int(np.argmin(distance)), int(rng.integers(points.shape[1]))
         other = int(rng.integers(points.shape[0]))
         trial = points.copy()

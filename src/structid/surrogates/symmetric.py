@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 
 def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf) -> tuple[np.ndarray, float]:

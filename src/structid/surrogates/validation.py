@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import scipy.integrate
+import scipy
 
 from structid.channels import base_channel, standard_unit
 from structid.errors import InputError

@@ -42,6 +42,7 @@ def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
     np.testing.assert_array_equal(again.ranks, found.ranks)
 
 
+@pytest.mark.slow
 def test_correlated_noise_taken_for_independent_is_found_out(pieces):
     variance = pieces[-1]
     noise = si.AR1(variance=variance, white=0.0, correlation_time=0.1)

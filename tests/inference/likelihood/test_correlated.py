@@ -66,6 +66,7 @@ def test_gradients_are_finite():
         np.testing.assert_allclose(slope[j], (density(point + step) - density(point - step)) / 2e-5, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_posterior_with_correlated_errors_is_wider_and_says_what_they_are():
     """AR(1) noise: the right law finds its time and is wider than the one that takes the errors for independent."""
     record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 11.0).scale_to_pga(2.0)

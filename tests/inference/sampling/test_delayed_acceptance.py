@@ -133,6 +133,7 @@ def test_a_sub_chain_is_as_reversible_as_each_of_its_moves(length):
     assert lack_of_balance(["stretch", "independent"]) > 1e-3
 
 
+@pytest.mark.slow
 def test_walkers_where_the_surrogate_has_no_density():
     """A surrogate with a hole: walkers reach it by plain steps, and leave it so."""
 

@@ -6,7 +6,7 @@ import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy.stats
+import scipy
 
 R_HAT_LIMIT = 1.01
 """Largest R-hat of a converged run (Vehtari et al. 2021)."""

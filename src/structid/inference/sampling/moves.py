@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from structid.inference.target import Target
 
@@ -242,7 +241,7 @@ class IndependenceLaw(NamedTuple):
         whitened = np.linalg.inv(self.factor) @ (x[:, None] - self.middle[:, :, None]).swapaxes(2, 3)
         exponent = -0.5 * (DEGREES_OF_FREEDOM + x.shape[2])
         student = exponent * np.log1p((whitened**2).sum(axis=2) / DEGREES_OF_FREEDOM)
-        return np.asarray(logsumexp(log_share - log_volume + student, axis=1))
+        return np.asarray(np.logaddexp.reduce(log_share - log_volume + student, axis=1))
 
 
 def _layers(walkers: int, dimension: int) -> dict[int, float]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.scipy.special
 import numpy as np
-import scipy.special
+import scipy
 
 from structid.device import jnp
 from structid.probability.space import ParameterSpace

@@ -9,7 +9,7 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 OPTIMISM = 0.25
 """Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this factor.

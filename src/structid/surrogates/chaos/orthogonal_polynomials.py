@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.special
+import scipy
 
 from structid.probability.truncation import Marginal
 from structid.surrogates.array_module import namespace

@@ -7,8 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
-import scipy.optimize
-from scipy.stats import qmc
+import scipy
 
 from structid.device import jnp, over_runs
 from structid.surrogates.kriging.correlations import correlation
@@ -319,4 +318,4 @@ def _inverse_curvature(objective: HyperparameterObjective, place: np.ndarray) ->
 def _first_generation(bounds: list[tuple[float, float]], count: int, rng: np.random.Generator) -> np.ndarray:
     """First generation of the global search: a Latin hypercube sample within the bounds."""
     low, high = np.array(bounds).T
-    return np.asarray(low + (high - low) * qmc.LatinHypercube(len(bounds), rng=rng).random(count))
+    return np.asarray(low + (high - low) * scipy.stats.qmc.LatinHypercube(len(bounds), rng=rng).random(count))

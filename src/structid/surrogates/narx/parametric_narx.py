@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy.ndimage
+import scipy
 
 from structid.device import jnp
 from structid.errors import InputError, Status, StructidWarning

@@ -1,0 +1,40 @@
+"""Maps between ℝᵈ and a box: there and back, the same on the host as in JAX, with the slope that differences find."""
+
+import numpy as np
+import pytest
+
+from structid.device import jnp
+from structid.probability.bijections import Bijection
+
+BOX = np.array([[0.0, 1.0], [2.0, np.inf], [-np.inf, np.inf], [-np.inf, 3.0], [-1e6, 7e6]])
+MAP = Bijection(BOX, scales=[1.0, 1.0, 5.0, 1.0, 1.0])
+PHI = 2.0 * np.random.default_rng(0).normal(size=(50, 5))
+
+
+def test_on_the_host_and_in_jax_it_is_the_same():
+    for phi in (PHI, np.full((1, 5), 900.0), np.full((1, 5), -900.0)):
+        for host, device in zip(MAP(phi), MAP.forward(jnp.asarray(phi)), strict=True):
+            np.testing.assert_allclose(host, device, rtol=1e-13, atol=1e-13)
+
+
+def test_there_and_back():
+    theta, _ = MAP(PHI)
+    assert (theta > BOX[:, 0]).all() and (theta < BOX[:, 1]).all()
+    np.testing.assert_allclose(MAP.inverse(theta), PHI, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(MAP.inverse(theta[0]), PHI[0], rtol=1e-9, atol=1e-9)
+    outside = MAP.inverse(np.array([-0.1, 1.0, 0.0, 4.0, 8e6]))
+    assert np.isnan(outside[[0, 1, 3, 4]]).all() and outside[2] == 0.0
+
+
+def test_the_jacobian_is_the_product_of_the_slopes():
+    step = 1e-6
+    slopes = (MAP(PHI + step)[0] - MAP(PHI - step)[0]) / (2.0 * step)
+    np.testing.assert_allclose(MAP(PHI)[1], np.log(np.abs(slopes)).sum(axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("bounds", "scales", "same"), [(BOX, MAP.scales, True), (BOX, None, False), (BOX + 1.0, MAP.scales, False)]
+)
+def test_maps_of_the_same_box_are_equal(bounds, scales, same):
+    other = Bijection(bounds, scales)
+    assert (other == MAP) is same and (hash(other) == hash(MAP)) is same
