@@ -1,6 +1,11 @@
 """The packaged study as other studies are made of it: without a surrogate, on five or six seconds of its record."""
 
-from structid.study import packaged
+import contextlib
+import dataclasses
+
+import pytest
+
+from structid.study import packaged, stage_list
 
 PACKAGED = packaged.template("bouc_wen")
 
@@ -34,3 +39,12 @@ SMALL = (
     .replace("starts = 4", "starts = 2")
 )
 """Six seconds of record and eighty steps, which do not converge."""
+
+
+@contextlib.contextmanager
+def without_pages():
+    """Studies that are looked at by their draws alone; half of a short study's time is its page."""
+    with pytest.MonkeyPatch.context() as patch:
+        nothing = dataclasses.replace(stage_list.PAGE_STAGE, run=lambda found, place: found)
+        patch.setattr(stage_list, "PAGE_STAGE", nothing)
+        yield

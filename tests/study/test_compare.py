@@ -10,7 +10,7 @@ from structid.errors import InputError
 from structid.study.compare import compare_studies
 from structid.study.run import run_study
 from structid.study.simulated_replicas import check_by_simulation
-from studies import PACKAGED, PLAIN, shortened
+from studies import PACKAGED, PLAIN, shortened, without_pages
 
 QUICK = '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n'
 
@@ -38,7 +38,8 @@ def studies(tmp_path_factory):
     folder = tmp_path_factory.mktemp("studies")
     for name, degrading in (("simple", False), ("degrading", True)):
         (folder / f"{name}.toml").write_text(plain(name, degrading))
-        run_study(folder / f"{name}.toml", folder / name)
+        with without_pages():
+            run_study(folder / f"{name}.toml", folder / name)
     return folder
 
 

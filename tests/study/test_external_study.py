@@ -10,7 +10,7 @@ from commands import structid
 from structid.errors import InputError, Status
 from structid.study import packaged
 from structid.study.run import load, report_again, run_study
-from studies import PLAIN
+from studies import PLAIN, without_pages
 
 SOLVER = packaged.SOLVERS["external"]
 STUDY = (
@@ -38,7 +38,8 @@ def test_runs_then_a_calibration_then_the_page_again(folder):
     assert outcome.result.draws.shape[-1] == 4
     page = outcome.report.read_text()
     assert "True runs" in page and "How they ended" in page
-    serial = run_study(folder / "study.toml", folder / "again")
+    with without_pages():
+        serial = run_study(folder / "study.toml", folder / "again")
     np.testing.assert_array_equal(serial.result.history, outcome.result.history)
     np.testing.assert_array_equal(serial.runs.values, outcome.runs.values)
     assert report_again(folder / "out").report.read_text().count("<figure>") == page.count("<figure>")

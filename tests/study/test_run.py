@@ -10,7 +10,7 @@ import pytest
 from commands import structid
 from structid.study import packaged
 from structid.study.run import load, report_again, run_study
-from studies import SMALL
+from studies import SMALL, without_pages
 
 FIGURES = {
     "record", "processing", "measurement", "response_velocity", "loops", "energy", "marginals", "pairs", "identifiability",
@@ -67,7 +67,8 @@ def test_the_report_needs_only_its_folder(tmp_path):
     text = re.sub(r"\[record\].*?\[model\]", '[record]\nfile = "record.csv"\nunit = "m/s^2"\n[model]', text, flags=re.S)
     text = text.split("[[prediction.records]]")[0].replace('["pattern_search", "interior_point"]', "[]")
     (source / "m.toml").write_text(text)
-    first = run_study(source / "m.toml", tmp_path / "out").result
+    with without_pages():
+        first = run_study(source / "m.toml", tmp_path / "out").result
     shutil.rmtree(source)
     (tmp_path / "out").rename(tmp_path / "moved")
     np.testing.assert_array_equal(report_again(tmp_path / "moved").result.history, first.history)
@@ -104,7 +105,8 @@ def test_run_report_resume_and_refusals(small, tmp_path):
     again = structid("run", small, "--out", "out", cwd=tmp_path)
     assert again.returncode == 2 and "--resume" in again.stderr and "Traceback" not in again.stderr
     chains = (out / "chains.h5").read_bytes()
-    resumed = structid("run", small, "--out", "out", "--resume", cwd=tmp_path)
+    with without_pages():
+        resumed = structid("run", small, "--out", "out", "--resume", cwd=tmp_path)
     assert resumed.returncode == 3
     assert (out / "chains.h5").read_bytes() == chains
     assert resumed.stdout.split("mean")[1] == done.stdout.split("mean")[1]

@@ -11,7 +11,7 @@ from structid.study.run import load, run_study
 from structid.study.schema.study_file import study_file
 from structid.surrogates import registry
 from structid.surrogates.chaos.pce import PCE
-from studies import PACKAGED, PLAIN, shortened
+from studies import PACKAGED, PLAIN, shortened, without_pages
 
 STUDY = (
     shortened(PLAIN)
@@ -50,10 +50,10 @@ def test_the_study_runs_with_each_of_them_by_one_word(kind, tmp_path):
     timings = json.loads((tmp_path / "out" / "timings.json").read_text())
     assert {"true runs", "fitting the surrogate", "sampling"} <= set(timings)
     # Everything is read back: nothing is fitted or drawn again.
-    again = run_study(study, tmp_path / "out", resume=True)
+    with without_pages():
+        again = run_study(study, tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
     assert again.surrogate.content_hash == outcome.surrogate.content_hash
-    assert again.report.read_text().count("<figure>") == page.count("<figure>")
 
 
 def test_runs_and_a_surrogate_of_them_without_a_measurement(tmp_path):

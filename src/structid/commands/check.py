@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
-    """Say everything that is wrong with a study and what it will cost, without running it."""
+    """Say everything that is wrong with a study and what it will cost; the model is run a few times for that."""
     from structid.study.cost import estimate
     from structid.study.plausibility import plausibility
     from structid.study.run import load

@@ -96,7 +96,7 @@ class Bijection:
         between, above, below = self._kinds
         low, high = self.bounds.T
         theta, log_slope = x.copy(), np.zeros_like(x)
-        with np.errstate(over="ignore"):
+        with np.errstate(over="ignore", invalid="ignore"):
             # Short of the bounds, as in NumPyro, so that no point has a density of none by rounding alone.
             share = np.clip(scipy.special.expit(x[:, between]), np.finfo(float).tiny, 1.0 - np.finfo(float).eps)
             width = high[between] - low[between]

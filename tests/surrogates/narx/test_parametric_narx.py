@@ -179,12 +179,10 @@ def test_what_too_few_runs_or_unlike_records_would_cost_is_said_before_they_are_
         si.PODKriging().check(space.sample(18, seed=1), [record, record.trim(0.0, 10.0)], ("velocity",))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",
-    [
-        si.PCNARX(degree=1, steps=4),
-        pytest.param(si.KrigingNARX(degree=1, steps=6, refinements=1), marks=pytest.mark.slow),
-    ],
+    [si.PCNARX(degree=1, steps=4), si.KrigingNARX(degree=1, steps=6, refinements=1)],
     ids=["PCNARX", "KrigingNARX"],
 )
 def test_a_surrogate_too_plain_for_all_runs_suits_those_that_weigh(kind):
