@@ -7,6 +7,7 @@ import sys
 import textwrap
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray
@@ -82,6 +83,18 @@ def test_files_that_are_no_stores(tmp_path):
     assert (tmp_path / "thesis.h5").read_text() == "my thesis"
     with pytest.raises(InputError, match="no such store"):
         si.open_runs(tmp_path / "nowhere.h5")
+
+
+def test_layouts_before_are_read_and_later_ones_refused(tmp_path):
+    path, design = tmp_path / "runs.h5", SPACE.sample(2, seed=1)
+    done = si.Campaign(wave_model(), RECORD, design, path).run()
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema"] = 1
+    np.testing.assert_array_equal(si.open_runs(path).values, done.values)
+    with h5py.File(path, "r+") as file:
+        file.attrs["schema"] = 99
+    with pytest.raises(InputError, match=r"runs in layout 99.*Update structid"):
+        si.open_runs(path)
 
 
 def test_many_small_segments_make_the_same_file(tmp_path, monkeypatch, expected):

@@ -25,8 +25,8 @@ from structid.ground_motion.record import GroundMotion
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 
-SCHEMA = 1
-"""Version of the layout."""
+SCHEMA = 2
+"""Version of the layout. In 1, which is read as well, no run has the status `Status.STRUCTURE_FAILED`."""
 
 _KINDS: dict[str, type[Excitation]] = {
     kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory)
@@ -337,10 +337,11 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
     Raises
     ------
     InputError
-        If it is not a file of runs.
+        If it is not a file of runs, or one of a later version of structid.
     """
     try:
         with h5py.File(path, "r") as file:
+            _refuse_later_layout(path, int(file.attrs["schema"]))
             plain = json.loads(file.attrs["records"])
             records = tuple(
                 record_from_plain(p, values[: int(samples)])
@@ -357,6 +358,12 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
             "a file written by a Campaign",
             "Give another file.",
         ) from cause
+
+
+def _refuse_later_layout(path: Path, layout: int) -> None:
+    """What a later version has added, this one would take for something else."""
+    if layout > SCHEMA:
+        raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or before", "Update structid.")
 
 
 def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:

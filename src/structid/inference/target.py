@@ -330,6 +330,11 @@ class InCoordinates(Target):
         """Whether the density knows its own."""
         return self.density.knows_prior
 
+    @property
+    def costs_runs(self) -> bool:
+        """Whether each of the density's evaluations is a run of an expensive solver."""
+        return self.density.costs_runs
+
     def _own(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The density's own coordinates φ′, NaN outside its support, and log |dφ′/dφ|."""
         theta, jacobian = self.bijection(phi)
