@@ -17,7 +17,7 @@ import structid as si
 NAME = "calibration"
 EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
 SEEDS = (1, 2, 3)
-REFERENCE = si.SMC(particles=1000, steps=200)
+REFERENCE, QUICK_REFERENCE = si.SMC(particles=1000, steps=200), si.SMC(particles=100, steps=20)
 HEADS = [
     "case, seed", "verdict", "training + certificate", "seconds", "k̂", "effective of 200", "spread of log w",
     "largest error of a mean [sd]", "largest error of an sd", "limit (stretch)",
@@ -88,7 +88,7 @@ def rows(quick: bool) -> list[list[str]]:
         if record.content_hash not in references:
             model, space = model_and_space()
             references[record.content_hash] = si.sample(
-                si.Posterior(space, model, measured(record)), REFERENCE, seed=99
+                si.Posterior(space, model, measured(record)), QUICK_REFERENCE if quick else REFERENCE, seed=99
             )
         reference = references[record.content_hash]
         sizes = [p.bulk_size for p in reference.verdict().parameters.values()]

@@ -110,7 +110,7 @@ def wrong_model_rows(records: int) -> list[list[str]]:
 
 def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
-    replicas, records = (40, 3) if quick else (200, RECORDS)
+    replicas, records = (20, 2) if quick else (200, RECORDS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         ranks, wrong = sbc_rows(replicas), wrong_model_rows(records)

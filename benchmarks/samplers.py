@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import calibration as study
@@ -31,11 +32,11 @@ ENSEMBLE = si.AIES(
     walkers=32, steps=3000, ensembles=4, differential_evolution=0.8, discard=0.3, start_candidates=10, settling_steps=500
 )  # fmt: skip
 """As a study has it: 128 walkers in all."""
-QUICK_SMC = {"effective_share": 0.5, "correlation": 0.3}
+SHORT_STAGES = {"effective_share": 0.5, "correlation": 0.3}
 """Stages of a tempering that is not to take long."""
 ON_THE_MODEL: dict[str, Any] = {
     "structid AIES": ENSEMBLE,
-    "structid SMC": si.SMC(particles=500, steps=50, **QUICK_SMC),
+    "structid SMC": si.SMC(particles=500, steps=50, **SHORT_STAGES),
 }
 """Where every evaluation is 4001 steps of the oscillator; NUTS, whose gradients go through as many, takes more than ten minutes."""
 SAMPLERS: dict[str, Any] = {
@@ -43,6 +44,13 @@ SAMPLERS: dict[str, Any] = {
     "structid SMC": si.SMC(),
     "structid NUTS": si.NUTS(),
 }
+QUICK_ENSEMBLE = replace(ENSEMBLE, steps=400, settling_steps=100)
+QUICK_SAMPLERS: dict[str, Any] = {
+    "structid AIES": QUICK_ENSEMBLE,
+    "structid SMC": si.SMC(particles=250, steps=20, **SHORT_STAGES),
+    "structid NUTS": si.NUTS(warm_up=100, steps=50),
+}
+"""For a run that only shows that all of it works."""
 
 
 def smallest_size(draws: np.ndarray) -> float:
@@ -93,7 +101,7 @@ def sampler_rows(
     target: Target,
     quick: bool,
     deviation: Callable[[np.ndarray], float],
-    samplers: dict[str, Any] = SAMPLERS,
+    samplers: dict[str, Any],
     alone: bool = False,
 ) -> list[list[str]]:
     """Every sampler on one target, `alone` without peers; `deviation` says how far its draws are from a reference."""
@@ -116,7 +124,7 @@ def sampler_rows(
         calls |= {"emcee": theirs(by_emcee), "NumPyro AIES": theirs(by_numpyro)}
     rows = []
     for name, call in calls.items():
-        draws, seconds = timed(call, twice=not alone)
+        draws, seconds = timed(call, twice=not (alone or quick))
         size = smallest_size(draws)
         hats = [diagnostics.r_hat(draws[..., i]) for i in range(draws.shape[-1])]
         hat = "–" if draws.shape[1] < 2 else f"{max(hats):.3f}"
@@ -145,11 +153,13 @@ def from_reference(reference: Any) -> Callable[[np.ndarray], float]:
 
 
 def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list[str]]:
-    under = posterior.on(surrogate)
-    longer = si.SMC(particles=2000, steps=100, **QUICK_SMC)
-    rows = sampler_rows("study, surrogate", under, quick, from_reference(si.sample(under, longer, seed=77)))
+    under, samplers = posterior.on(surrogate), QUICK_SAMPLERS if quick else SAMPLERS
+    longer = (
+        si.SMC(particles=250, steps=20, **SHORT_STAGES) if quick else si.SMC(particles=2000, steps=100, **SHORT_STAGES)
+    )
+    rows = sampler_rows("study, surrogate", under, quick, from_reference(si.sample(under, longer, seed=77)), samplers)
     if not quick:
-        reference = si.sample(posterior, si.SMC(particles=1000, steps=100, **QUICK_SMC), seed=78)
+        reference = si.sample(posterior, si.SMC(particles=1000, steps=100, **SHORT_STAGES), seed=78)
         rows += sampler_rows(
             "study, the model itself", posterior, quick, from_reference(reference), ON_THE_MODEL, alone=True
         )
@@ -162,7 +172,7 @@ def agreement(quick: bool, posterior: si.Posterior, surrogate: Any) -> list[list
         def deviation(draws: np.ndarray, reference: Any = reference, quantities: Any = quantities) -> float:
             return max(map(abs, posteriordb.deviations(draws, reference, quantities).values()))
 
-        rows += sampler_rows(folder.partition("-")[0], target, quick, deviation)
+        rows += sampler_rows(folder.partition("-")[0], target, quick, deviation, samplers)
     return rows
 
 
@@ -182,11 +192,12 @@ class Counted(si.Posterior):
 
 def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[list[str]]:
     """True runs of an effective draw, without a surrogate and with good and bad ones."""
-    reference = si.sample(posterior, si.SMC(particles=1000, steps=30 if quick else 60, **QUICK_SMC), seed=99)
+    particles, steps = (250, 20) if quick else (1000, 60)
+    reference = si.sample(posterior, si.SMC(particles=particles, steps=steps, **SHORT_STAGES), seed=99)
     counted = Counted(posterior.model_space, posterior.model, posterior.observations)
-    few = si.sample(counted, si.SMC(particles=250, steps=20, **QUICK_SMC), seed=98)
+    few = si.sample(counted, si.SMC(particles=250, steps=20, **SHORT_STAGES), seed=98)
     few_size = smallest_size(few.kept)
-    plain = si.sample(posterior, ENSEMBLE, seed=2)
+    plain = si.sample(posterior, QUICK_ENSEMBLE if quick else ENSEMBLE, seed=2)
     runs = plain.history.shape[0] * WALKERS
     plain_size = smallest_size(plain.kept)
     rows = [
@@ -213,7 +224,7 @@ def exact_rows(quick: bool, posterior: si.Posterior, calibrated: Any) -> list[li
     }
     for label, (surrogate, training, seed) in surrogates.items():
         # As many effective draws as the plain ensemble has given, or twice as many: they are known the better.
-        steps = 60 if quick else 1500 if "bad" in label else 200
+        steps = 30 if quick else 1500 if "bad" in label else 200
         result = si.sample(
             posterior, si.DelayedAcceptance(surrogate, steps=steps, discard=max(0.1, 10 / steps)), seed=seed
         )
@@ -243,7 +254,7 @@ def evidence_rows(quick: bool) -> list[list[str]]:
         "degrades": common.degrading_oscillator(),
         "does not": common.degrading_oscillator(delta_nu=0.0, delta_eta=0.0),
     }
-    settings = si.SMC(particles=250 if quick else 500, steps=20, **QUICK_SMC)
+    settings = si.SMC(particles=100 if quick else 500, steps=20, **SHORT_STAGES)
     rows = []
     for label, truth in truths.items():
         clean = truth.simulate(np.zeros((1, 0)), record).values[0, :, 0]
