@@ -22,7 +22,7 @@ def test_a_quick_run_works(benchmark, tmp_path, shared_data):
     quick = ROOT / "build" / "benchmarks" / f"{benchmark.stem}.jsonl"
     before = quick.read_text() if quick.exists() else ""
     done = subprocess.run(
-        [sys.executable, str(benchmark), "--quick"], cwd=tmp_path, capture_output=True, text=True, timeout=600
+        [sys.executable, str(benchmark), "--quick"], cwd=tmp_path, capture_output=True, text=True, timeout=1200
     )
     assert done.returncode == 0, done.stderr[-2000:]
     assert quick.read_text().startswith(before) and len(quick.read_text()) > len(before)
