@@ -256,7 +256,7 @@ def evidence_rows(quick: bool) -> list[list[str]]:
     }
     settings = si.SMC(particles=100 if quick else 500, steps=20, **SHORT_STAGES)
     rows = []
-    for label, truth in truths.items():
+    for label, truth in list(truths.items())[: 1 if quick else None]:
         clean = truth.simulate(np.zeros((1, 0)), record).values[0, :, 0]
         noise = 0.02 * np.sqrt(np.mean(clean**2)) * np.random.default_rng(1).normal(size=clean.shape)
         observation = si.Observation(record, clean + noise)
