@@ -1,4 +1,4 @@
-"""Exceptions that tell the user what to do, and the status of a run."""
+"""Exceptions that say what to do, and the status of a run."""
 
 from __future__ import annotations
 

@@ -150,7 +150,7 @@ class OscillatorEquations(HystereticSystem):
         array
             [m/s²].
         """
-        # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m in the place of −a_g                     [3.12]
+        # u″ = −a_g − 2ζω v − α ω² u − (1−α) ω² z, or f/m instead of −a_g                     [3.12]
         drive = signal / self.mass if self.kind == "force" else -signal
         return drive - self.viscous * v - self._force_per_mass(u, z)
 

@@ -38,11 +38,11 @@ class Stages:
         names = list(self._weights)
         before = sum(self._weights[n] for n in names[: names.index(stage)])
 
-        def tell(done: int, total: int) -> None:
+        def report(done: int, total: int) -> None:
             if self._progress is not None:
                 self._progress(int(100 * (before + self._weights[stage] * done / total) / whole + 1e-9), 100)
 
-        return tell
+        return report
 
     def done(self, stage: str) -> None:
         """Report that a stage has ended, whatever number of its steps it took.

@@ -201,18 +201,18 @@ class Comparison:
                 if -gap > 1 + 2 * error
                 else "cannot choose: first is"
             )
-            told = (
+            sentence = (
                 f"The evidence {strength} {best.name}: log Bayes factor {-gap:.1f} ± {error:.1f} against {second.name}."
             )
         else:
             gap, error = second.left_out.less(best.left_out)
-            told = (
+            sentence = (
                 f"{best.name} predicts best what is left out: by {-gap:.1f} ± {error:.1f} nats against {second.name}."
             )
         doubtful = [c.name for c in self.classes if not c.trusted]
         if doubtful:
-            told += f" Not to be relied on: {', '.join(doubtful)} not converged, or not certified."
-        return told
+            sentence += f" Not to be relied on: {', '.join(doubtful)} not converged, or not certified."
+        return sentence
 
     def rows(self) -> tuple[list[str], list[list[str]]]:
         """Give the figures as text.
@@ -258,7 +258,7 @@ class Comparison:
             Heads and rows.
         """
         _, rows = self.rows()
-        told = [
+        meanings = [
             "parameters, those of the discrepancy included",
             "log evidence [nat]",
             "log Bayes factor against the best [nat]",
@@ -268,7 +268,9 @@ class Comparison:
             "variance that the best prediction leaves unexplained",
             "measured values inside the 90 % band",
         ]
-        return ["", *(row[0] for row in rows)], [[t, *(row[i] for row in rows)] for i, t in enumerate(told, start=1)]
+        return ["", *(row[0] for row in rows)], [
+            [t, *(row[i] for row in rows)] for i, t in enumerate(meanings, start=1)
+        ]
 
     def __str__(self) -> str:
         return "\n".join([self.verdict, *aligned(*self.rows())])

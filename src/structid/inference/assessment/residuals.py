@@ -218,12 +218,14 @@ def residual_warnings(
         if not residual.correlated:
             continue
         value, lag = residual.largest
-        told = (
+        sentence = (
             f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
             f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
         )
         worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
         if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
-            told += f", and the sd of {worst} is about {too_small_by[worst]:.1f} times too small (see the robust sd)"
-        found.append(told + ("; use a correlated discrepancy, such as damped_cosine" if law.independent else ""))
+            sentence += (
+                f", and the sd of {worst} is about {too_small_by[worst]:.1f} times too small (see the robust sd)"
+            )
+        found.append(sentence + ("; use a correlated discrepancy, such as damped_cosine" if law.independent else ""))
     return found

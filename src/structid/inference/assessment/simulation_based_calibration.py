@@ -125,13 +125,13 @@ class Ranks:
         count, worst = len(self.truth), int(np.argmin(self.p_values))
         p, name = self.p_values[worst], self.names[worst]
         if self.uniform:
-            told = (
+            sentence = (
                 f"Calibrated: the ranks of the truth are uniform in {count} replicas (smallest p = {p:.2g}, of {name})."
             )
             if count < ENOUGH_REPLICAS:
                 unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
-                told += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
-            return told
+                sentence += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
+            return sentence
         # Too sure: the truth is often outside of all draws; too careful: it is hardly ever.
         half = self.coverage(0.5)[worst]
         how = "too narrow" if half < 0.42 else "too wide" if half > 0.58 else "shifted or of another shape"

@@ -1,4 +1,4 @@
-"""The surrogate that a study asks for: fitted to its true runs, validated on others, put in the place of the model."""
+"""The surrogate that a study asks for: fitted to its true runs, validated on others, put in the model's place."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from structid.surrogates.search import quasi_newton
 from structid.surrogates.symmetric import inverse_of
 
 PADDING = 64
-"""The number of points in a correlation matrix is padded to a multiple of this, so that growing designs are seldom recompiled."""
+"""The number of points in a correlation matrix is padded to a multiple of this, so that growing designs are rarely recompiled."""
 
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""
@@ -234,7 +234,7 @@ def stage_sizes(runs: int) -> list[int]:
 
 
 def search_hyperparameters(
-    objective: HyperparameterObjective, starts: int, rng: np.random.Generator, tell: Steps
+    objective: HyperparameterObjective, starts: int, rng: np.random.Generator, step_done: Steps
 ) -> np.ndarray:
     """Search the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
 
@@ -249,7 +249,7 @@ def search_hyperparameters(
         Number of local searches, from the best points of the global one.
     rng : numpy.random.Generator
         Draws the part of the design and the first generation.
-    tell : Steps
+    step_done : Steps
         Called after each stage of a local search.
 
     Returns
@@ -276,13 +276,13 @@ def search_hyperparameters(
             covariance = covariance * (runs / len(stage.data.points))
             place, covariance, value = quasi_newton(stage, stage.bounds, place, covariance)
             runs = len(stage.data.points)
-            tell()
+            step_done()
         if value < lowest:
             best, lowest = place, value
     return np.asarray(best)
 
 
-def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarray, tell: Steps) -> np.ndarray:
+def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarray, step_done: Steps) -> np.ndarray:
     """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum.
 
     Parameters
@@ -291,7 +291,7 @@ def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarra
         The objective on the whole design.
     start : ndarray, shape (hyperparameter,)
         Where to start.
-    tell : Steps
+    step_done : Steps
         Called once at the end.
 
     Returns
@@ -301,7 +301,7 @@ def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarra
     """
     place = np.clip(start, *np.array(objective.bounds).T)
     place, _, _ = quasi_newton(objective, objective.bounds, place, _inverse_curvature(objective, place))
-    tell()
+    step_done()
     return place
 
 

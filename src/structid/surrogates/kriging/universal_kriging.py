@@ -111,8 +111,8 @@ class Kriging:
         groups = [np.arange(outputs.shape[1])] if self.shared else [np.array([k]) for k in range(outputs.shape[1])]
         known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
         forms = len(groups) * len(self._forms(theta))
-        tell = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
-        fitted = [self._fit_group(design, theta, outputs[:, group], group, known, tell) for group in groups]
+        step_done = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
+        fitted = [self._fit_group(design, theta, outputs[:, group], group, known, step_done) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
@@ -127,7 +127,7 @@ class Kriging:
         outputs: np.ndarray,
         group: np.ndarray,
         known: KrigingGroup | None,
-        tell: Steps,
+        step_done: Steps,
     ) -> KrigingGroup:
         """Fit outputs that share a correlation; of its two forms the one with the smaller leave-one-out error is kept."""
         trend = self._trend_basis(design, outputs)
@@ -135,7 +135,9 @@ class Kriging:
             raise InputError(
                 "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
             )
-        candidates = [self._fit_form(theta, outputs, group, trend, form, known, tell) for form in self._forms(theta)]
+        candidates = [
+            self._fit_form(theta, outputs, group, trend, form, known, step_done) for form in self._forms(theta)
+        ]
         return min(candidates, key=lambda c: float(np.sum(c.leave_one_out_residuals**2)))
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
@@ -158,7 +160,7 @@ class Kriging:
         trend: PolynomialBasis,
         separable: bool,
         known: KrigingGroup | None,
-        tell: Steps,
+        step_done: Steps,
     ) -> KrigingGroup:
         """Fit outputs with one form of the correlation."""
         centre, scale = theta.mean(axis=0), theta.std(axis=0)
@@ -166,15 +168,15 @@ class Kriging:
         data = KrigingData((theta - centre) / scale, trend.evaluate(theta), outputs)
         objective = HyperparameterObjective(data, self.correlation, separable, self.nugget, self.estimation)
         if known is None:
-            best = search_hyperparameters(objective, self.starts, stream(self.seed, Purpose.KRIGING_SEARCH), tell)
+            best = search_hyperparameters(objective, self.starts, stream(self.seed, Purpose.KRIGING_SEARCH), step_done)
         else:
             nugget = [np.log(known.factors.nugget)] * (self.nugget == "estimate")
-            best = refined_hyperparameters(objective, np.append(np.log(known.lengths / scale), nugget), tell)
+            best = refined_hyperparameters(objective, np.append(np.log(known.lengths / scale), nugget), step_done)
         try:
             factors = KrigingFactors.of(data, objective.matrix(best), objective.diagonal(best))
         except np.linalg.LinAlgError:
             raise InputError(
-                "Kriging.fit", "points so close that they cannot be told apart", "points further apart, or a nugget",
+                "Kriging.fit", "points so close that they cannot be distinguished", "points further apart, or a nugget",
                 'Estimate one: nugget="estimate".',
             ) from None  # fmt: skip
         return KrigingGroup(

@@ -102,8 +102,8 @@ class NARXFit:
         self.fitted, self.unseen = held_out_rows(len(self.runs), settings.held_out, settings.seed)
         if settings.selection is not None:
             full = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
-            tell = self.stages.of("selection")
-            self.recursion = select_terms(full, self.data[self.fitted], settings.selection, settings.most_terms, tell)
+            report = self.stages.of("selection")
+            self.recursion = select_terms(full, self.data[self.fitted], settings.selection, settings.most_terms, report)
         self.free_run = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
 
     @property
@@ -147,8 +147,8 @@ class NARXFit:
             return self._surrogate(self._interpolated(kriging))
         trend = self._joint()
         start = np.asarray(trend.predict(self.design.values[self.fitted]))
-        tell = self.stages.of("refinement")
-        refined = refined_coefficients(self.free_run, start, self.data[self.fitted], refinements, tell)
+        report = self.stages.of("refinement")
+        refined = refined_coefficients(self.free_run, start, self.data[self.fitted], refinements, report)
         return self._surrogate(self._with_deviation(trend, refined - start, kriging))
 
     def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
@@ -183,7 +183,7 @@ class NARXFit:
             return self._expansion(basis, start, rows)
         start = self._over_short_horizons(start, rows, data)
         # Most steps see part of the runs only: enough to determine every coefficient.
-        steps, tell = self.settings.steps, self.stages.of("training")
+        steps, report = self.settings.steps, self.stages.of("training")
         some = spread_rows(data.weights, max(len(data) // 4, 3 * len(basis)))
         early = max(steps - LAST_STEPS, 0) if len(some) < len(data) // 2 else 0
         if early:
@@ -195,7 +195,7 @@ class NARXFit:
                 held_out,
                 early,
                 LOSS_SCALE,
-                lambda done, _: tell(done, steps),
+                lambda done, _: report(done, steps),
             ).coefficients
         trained = train_free_run(
             self.free_run,
@@ -205,7 +205,7 @@ class NARXFit:
             held_out,
             steps - early,
             LOSS_SCALE,
-            lambda done, _: tell(early + done, steps),
+            lambda done, _: report(early + done, steps),
         )
         self.stages.done("training")
         return self._expansion(basis, trained.coefficients, rows)

@@ -93,7 +93,7 @@ def first_coefficients(
     tried = spread_rows(data.weights, TRIED_RUNS)
     best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
     shapes = FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,)
-    tell = Steps(progress, len(shapes) * len(ridges))
+    step_done = Steps(progress, len(shapes) * len(ridges))
     for shape in shapes:
         vector = constant_shapes(recursion, shape)
         square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
@@ -104,7 +104,7 @@ def first_coefficients(
             loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
             if loss < lowest:
                 best, lowest = found, loss
-            tell()
+            step_done()
     return best
 
 
