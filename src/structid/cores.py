@@ -1,8 +1,9 @@
-"""How many cores this process may use."""
+"""How many cores this process may use, and where it keeps what it compiles for them."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 
 def available_cores() -> int:
@@ -14,3 +15,30 @@ def available_cores() -> int:
         How many.
     """
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def cores_to_use() -> int:
+    """Count the cores this process is to use.
+
+    Returns
+    -------
+    int
+        The environment variable JAX_NUM_CPU_DEVICES, which worker processes have at 1, else all that are available.
+    """
+    return max(int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores())), 1)
+
+
+def cache_folder(name: str) -> Path:
+    """Where compiled code is kept from one process to the next.
+
+    Parameters
+    ----------
+    name : str
+        Which compiler's.
+
+    Returns
+    -------
+    Path
+        Under XDG_CACHE_HOME, or ``~/.cache``; it may not exist yet.
+    """
+    return Path(os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))) / "structid" / name

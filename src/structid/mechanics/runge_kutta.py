@@ -8,9 +8,7 @@ from typing import Any
 import jax
 from jax import lax
 
-from structid.device import jnp
-
-State = Any
+from structid.mechanics.time_loop import State, TimeLoop, all_finite
 
 
 def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tuple[Any, Any, Any], step: Any) -> State:
@@ -47,14 +45,15 @@ def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tup
     return jax.tree.map(lambda y, a, b, c, d: y + step / 6.0 * (a + 2.0 * (b + c) + d), state, k1, k2, k3, k4)
 
 
-def integrate(
+def runge_kutta_loop(
     rate: Callable[[State, Any], State],
     inputs_of: Callable[[Any], tuple[Any, Any, Any]],
     observe: Callable[[State, Any], Any],
-    state: State,
+    start: State,
     stages: Any,
     dt: float,
-) -> tuple[State, Any]:
+    lead_in: int = 0,
+) -> TimeLoop:
     """Integrate over a record and observe the state at every sample.
 
     Parameters
@@ -64,30 +63,29 @@ def integrate(
     inputs_of : callable
         Turns the excitation at start, middle and end of a step into the three inputs of `rate`.
     observe : callable
-        ``observe(state, input)``: what to keep at a sample.
-    state : tree of arrays
+        ``observe(state, input)``: what is seen at a sample.
+    start : tree of arrays
         The initial state.
-    stages : jax.Array, shape (time − 1, substeps, 3)
-        The excitation at the start, middle and end of every step.
+    stages : jax.Array, shape (time, substeps, 3)
+        The excitation at the start, middle and end of every step. Of the last row only the start counts.
     dt : float
         Time between samples [s].
+    lead_in : int
+        Samples at the beginning that are not kept.
 
     Returns
     -------
-    tuple
-        The state after the last sample, and the observations stacked along a leading time axis.
+    TimeLoop
+        The loop.
     """
     substeps = stages.shape[1]
     step = dt / substeps
-    # Observing before stepping needs no extra first row. The last row continues the record straight: its start is observed,
-    # slope included, its step is not.
-    middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
-    last = jnp.broadcast_to(end + (end - middle) * jnp.arange(3.0), (1, substeps, 3))
 
     def substep(state: State, stage: Any) -> tuple[State, None]:
         return runge_kutta_4(rate, state, inputs_of(stage), step), None
 
     def sample(state: State, row: Any) -> tuple[State, Any]:
+        # Observing before stepping needs no extra first row.
         seen = observe(state, inputs_of(row[0])[0])
         if substeps == 1:
             state, _ = substep(state, row[0])
@@ -96,5 +94,4 @@ def integrate(
             state, _ = lax.scan(substep, state, row)
         return state, seen
 
-    final, seen = lax.scan(sample, state, jnp.concatenate([stages, last]))
-    return final, seen
+    return TimeLoop(start, sample, stages, lead_in, all_finite)

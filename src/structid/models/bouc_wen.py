@@ -17,7 +17,8 @@ from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
 from structid.keys import quantity
-from structid.mechanics.runge_kutta import integrate
+from structid.mechanics.runge_kutta import runge_kutta_loop
+from structid.mechanics.time_loop import TimeLoop
 from structid.models.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
     PARAMETER_UNITS,
@@ -227,8 +228,8 @@ class BoucWen(TraceableModel):
                 "displacement, velocity, restoring_force, …",
             )
 
-    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond inside JAX; see `TraceableModel.response`.
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the record; see `TraceableModel.time_loop`.
 
         Parameters
         ----------
@@ -239,20 +240,19 @@ class BoucWen(TraceableModel):
 
         Returns
         -------
-        tuple of jax.Array
-            Values (time, channel, run), and whether the state stayed finite (run,).
+        TimeLoop
+            Of the equations of motion.
         """
-        values = self._values(theta)
-        equations = OscillatorEquations(values, self.channels, excitation.kind)
-        final, seen = integrate(
+        equations = OscillatorEquations(self._values(theta), self.channels, excitation.kind)
+        return runge_kutta_loop(
             equations.rate,
             equations.inputs(excitation.dt / self.substeps),
             equations.observe,
             equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])),
             excitation.stages,
             excitation.dt,
+            excitation.dropped_samples,
         )
-        return seen[excitation.dropped_samples :], jnp.isfinite(sum(final.values()))
 
     @property
     def content_hash(self) -> str:

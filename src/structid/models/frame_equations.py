@@ -142,7 +142,7 @@ class FrameEquations(HystereticSystem):
         damping = jnp.einsum("ijr,jr->ir", self.viscous, v)
         motion = -damping + (above - shear) / self.mass
         if self.kind == "force":
-            return motion.at[-1].add(signal / self.mass[-1])
+            return jnp.concatenate([motion[:-1], motion[-1:] + signal / self.mass[-1:]])
         return motion - signal
 
     def observe(self, state: State, signal: Any) -> Any:

@@ -14,7 +14,8 @@ from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
 from structid.keys import Fraction, quantity
-from structid.mechanics.runge_kutta import integrate
+from structid.mechanics.runge_kutta import runge_kutta_loop
+from structid.mechanics.time_loop import TimeLoop
 from structid.models.frame_equations import FrameEquations, stiffness_matrix
 from structid.models.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
@@ -252,8 +253,8 @@ class ShearFrame(TraceableModel):
                 "ShearFrame", "an imposed displacement", "a GroundMotion, or a ForceHistory on the top floor"
             )
 
-    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond inside JAX; see `TraceableModel.response`.
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the record; see `TraceableModel.time_loop`.
 
         Parameters
         ----------
@@ -264,8 +265,8 @@ class ShearFrame(TraceableModel):
 
         Returns
         -------
-        tuple of jax.Array
-            Values (time, channel, run), and whether the state stayed finite (run,).
+        TimeLoop
+            Of the equations of motion.
         """
         equations = FrameEquations(
             self.storeys, self.channels, self._values(theta), excitation.kind, theta.shape[0],
@@ -273,15 +274,15 @@ class ShearFrame(TraceableModel):
         )  # fmt: skip
         # Zero times a column, so that the state varies over the runs as the parameters do.
         zero = jnp.zeros((self.storeys, theta.shape[0])) + (0.0 * theta[:, 0] if theta.shape[1] else 0.0)
-        final, seen = integrate(
+        return runge_kutta_loop(
             equations.rate,
             lambda s: (s[0], s[1], s[2]),
             equations.observe,
             equations.initial_state(zero),
             excitation.stages,
             excitation.dt,
+            excitation.dropped_samples,
         )
-        return seen[excitation.dropped_samples :], jnp.isfinite(sum(part.sum(axis=0) for part in final.values()))
 
     @property
     def content_hash(self) -> str:

@@ -12,10 +12,11 @@ import jax
 import numpy as np
 
 from structid.channels import ChannelUnit
-from structid.device import over_runs
 from structid.errors import InputError, Status
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.time_loop import TimeLoop
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 
 
@@ -40,8 +41,9 @@ class TracedExcitation:
         What goes on between samples.
     identity : str
         Hash of the whole excitation, for a model that knows only its own records; empty for others.
-    stages : jax.Array, shape (time − 1 + lead-in samples, substeps, 3)
-        Values at the start, middle and end of every integration step, from `Excitation.stage_values`.
+    stages : jax.Array, shape (time + lead-in samples, substeps, 3)
+        Values at the start, middle and end of every integration step, from `Excitation.stage_values`. The last row continues the
+        record straight: its start is the last sample, with its slope, and the steps from there on are nobody's.
     """
 
     kind: str
@@ -77,13 +79,20 @@ class TracedExcitation:
             excitation.lead_in_periods,
             excitation.interpolation,
             excitation.content_hash if identified else "",
-            excitation.stage_values(substeps),
+            _continued(excitation.stage_values(substeps)),
         )
 
     @property
     def dropped_samples(self) -> int:
         """Samples of the lead-in, which a response leaves out."""
         return self.lead_in_periods * self.samples
+
+
+def _continued(stages: np.ndarray) -> np.ndarray:
+    """The same stages and one row more, straight on from the last slope."""
+    middle, end = stages[-1, -1, 1], stages[-1, -1, 2]
+    on = end + np.multiply.outer(np.arange(3.0), end - middle)
+    return np.concatenate([stages, np.broadcast_to(on, (1, *stages.shape[1:]))])
 
 
 jax.tree_util.register_dataclass(
@@ -169,7 +178,23 @@ class TraceableModel(Model):
     own_records: ClassVar[bool] = False
     substeps: int
 
-    @abstractmethod
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop | None:
+        """Give the loop over time that the response is, inside JAX, for a model whose response is one.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            From `traced`.
+
+        Returns
+        -------
+        TimeLoop or None
+            None for a model that responds in another way, and says how in `response`.
+        """
+        return None
+
     def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
         """Respond inside JAX.
 
@@ -185,6 +210,10 @@ class TraceableModel(Model):
         tuple of jax.Array
             Values (time, channel, run), and whether the state stayed finite to the end (run,).
         """
+        loop = self.time_loop(theta, excitation)
+        if loop is None:
+            raise NotImplementedError(f"{type(self).__name__} has neither a time_loop nor a response")
+        return loop.run()
 
     def traced(self, excitation: Excitation) -> TracedExcitation:
         """Prepare an excitation for `response`.
@@ -258,7 +287,7 @@ class TraceableModel(Model):
 
     @cached_property
     def _compiled_response(self) -> Callable[..., Any]:
-        return over_runs(self.response, run_axes=(2, 0))
+        return InLanes(self.response, run_axes=(2, 0))
 
 
 def as_traceable(

@@ -6,7 +6,7 @@ a simulation-based calibration. It is traced inside JAX, or computed on the host
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from structid.device import jnp
 from structid.errors import Status
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.observation import Observation
+from structid.mechanics.time_loop import Fold, TimeLoop
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.probability.truncation import Marginal
@@ -133,18 +134,18 @@ class BoundLikelihood:
 
         Parameters
         ----------
-        response : jax.Array, shape (time, model channel, run)
-            The model's response.
+        response : jax.Array, shape (time, model channel, run) or (model channel, run)
+            The model's response, whole or at one sample.
         theta : jax.Array, shape (run, parameter)
             All parameters.
 
         Returns
         -------
-        jax.Array, shape (time, channel, run)
+        jax.Array, shape (time, channel, run) or (channel, run)
             The measured channels, nuisances applied.
         """
         if self.model.channels != self.channels:
-            response = response[:, self._places]
+            response = jnp.stack([response[..., place, :] for place in self._places], axis=-2)
         return self.observation.transmit(response, self.unknowns(theta))
 
     def given(self, response: Any, theta: Any, values: Any) -> Any:
@@ -232,11 +233,52 @@ class BoundLikelihood:
         """
         if self._model_error:
             return self._with_model_error(theta, parameters, measured)
-        if measured.shortcut is not None and self.needs_only_squares:
-            squares, finite = measured.shortcut.squares(parameters)
+        if self.discrepancy.independent:
+            squares, finite = self.squares(theta, parameters, measured)
             return self.of_squares(squares, theta), finite
-        response, finite = self._traceable.response(parameters, measured.excitation)
-        return self.given(response, theta, measured.values), finite
+        loop = self._loop(parameters, measured)
+        fold = self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, len(measured.values))
+        if loop is None or fold is None:
+            response, finite = self._traceable.response(parameters, measured.excitation)
+            return self.given(response, theta, measured.values), finite
+        return loop.folded(fold, measured.values, self._residual(theta))
+
+    def squares(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+        """Sum of squared residuals over time, inside JAX, by the shortest way.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        parameters : jax.Array, shape (run, free parameter)
+            Those of the model.
+        measured : Measured
+            Record and measurements.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Σ (y − M)² (channel, run), and whether the response is finite (run,).
+        """
+        if measured.shortcut is not None and not self.observation.nuisances():
+            return measured.shortcut.squares(parameters)
+        loop = self._loop(parameters, measured)
+        if loop is None:
+            response, finite = self._traceable.response(parameters, measured.excitation)
+            return ((measured.values - self.shown(response, theta)) ** 2).sum(axis=0), finite
+        nothing = jnp.zeros((len(self.channels), theta.shape[0]))
+        fold = Fold(nothing, lambda sums, residual: sums + residual**2, lambda sums: sums)
+        return loop.folded(fold, measured.values, self._residual(theta))
+
+    def _loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
+        """The loop over time that gives the response sample by sample; None where it is wanted whole, or is no loop."""
+        if self.observation.time_shift is not None:
+            return None
+        return self._traceable.time_loop(parameters, measured.excitation)
+
+    def _residual(self, theta: Any) -> Callable[[Any, Any], Any]:
+        """The function from the response and the measurement at one sample to their difference."""
+        return lambda response, values: values - self.shown(response, theta)
 
     def _with_model_error(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood with the model's own variance added to that of the discrepancy."""

@@ -21,6 +21,7 @@ import numpy as np
 from structid.device import jnp
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.mechanics.time_loop import Fold
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
 
@@ -157,14 +158,19 @@ class Correlated(Discrepancy):
     # --- the filter ---------------------------------------------------------------------------------------------
 
     def _filter(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, more_white: Any = 0.0
+        self,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        runs: int,
+        dt: float,
+        more_white: Any = 0.0,
     ) -> tuple[State, Step, Any]:
         """What is known of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
 
         A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
         arrays, and slow ones over the entries of a matrix, each an array of its own.
         """
-        transition, noise, stationary, white = self._system(unknown, channels, residual.shape[2], dt, jnp)
+        transition, noise, stationary, white = self._system(unknown, channels, runs, dt, jnp)
         white = white + more_white
         size = range(len(stationary))
         upper = [(i, j) for i in size for j in size if i <= j]
@@ -188,7 +194,7 @@ class Correlated(Discrepancy):
             spread = added + sum(share * entry for share, entry in zip(shares, updated, strict=True))
             return (ahead, spread), (error, precision)
 
-        zero = jnp.zeros(residual.shape[1:])
+        zero = jnp.zeros((len(channels), runs))
         mean = jnp.stack([zero for _ in size])
         covariance = jnp.stack([stationary[i] + zero if i == j else zero for i, j in upper])
         return (mean, covariance), step, stationary[0] + white
@@ -197,7 +203,7 @@ class Correlated(Discrepancy):
         self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
     ) -> tuple[Any, Any]:
         """One-step prediction errors and their precisions, each (time, channel, run)."""
-        start, step, _ = self._filter(residual, unknown, channels, dt)
+        start, step, _ = self._filter(unknown, channels, residual.shape[2], dt)
         filtered: tuple[Any, Any] = jax.lax.scan(step, start, residual)[1]
         return filtered
 
@@ -224,23 +230,55 @@ class Correlated(Discrepancy):
         jax.Array, shape (run,)
             Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
         """
-        start, step, first = self._filter(residual, unknown, channels, dt, white)
+        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, residual.shape[0], white)
+        return fold.of(residual)
 
-        def sample(carry: Any, measured: Any) -> tuple[Any, None]:
+    def fold(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int) -> Fold:
+        """Give the log density as a fold over samples; see `Discrepancy.fold`.
+
+        Parameters
+        ----------
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        runs : int
+            How many.
+        dt : float
+            Time step [s].
+        samples : int
+            Length of the residual.
+
+        Returns
+        -------
+        Fold
+            Of samples (channel, run) to Σ −½ log(2πS) − v²/(2S), shape (run,).
+        """
+        return self._folded(unknown, channels, runs, dt, samples)
+
+    def _folded(
+        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int,
+        more_white: Any = 0.0,
+    ) -> Fold:  # fmt: skip
+        start, step, first = self._filter(unknown, channels, runs, dt, more_white)
+
+        def sample(carry: Any, measured: Any) -> Any:
             # A logarithm costs more than the rest of a step. So log Π S₁/S is taken once, of a product in units of HUGE.
             state, squares, product, units = carry
             state, (error, precision) = step(state, measured)
             product = product * (first * precision)
             huge = product > HUGE
             product, units = jnp.where(huge, product * (1.0 / HUGE), product), units + huge
-            return (state, squares + error**2 * precision, product, units), None
+            return state, squares + error**2 * precision, product, units
 
-        nothing = jnp.zeros(residual.shape[1:])
-        carry = (start, nothing, nothing + 1.0, nothing)
-        (_, squares, product, units), _ = jax.lax.scan(sample, carry, residual)
-        # log Π S = T log S₁ − log Π S₁/S
-        volume = residual.shape[0] * jnp.log(2.0 * jnp.pi * first) - jnp.log(product) - units * np.log(HUGE)
-        return -0.5 * (volume + squares).sum(axis=0)
+        def log_density(carry: Any) -> Any:
+            _, squares, product, units = carry
+            # log Π S = T log S₁ − log Π S₁/S
+            volume = samples * jnp.log(2.0 * jnp.pi * first) - jnp.log(product) - units * np.log(HUGE)
+            return -0.5 * (volume + squares).sum(axis=0)
+
+        nothing = jnp.zeros((len(channels), runs))
+        return Fold((start, nothing, nothing + 1.0, nothing), sample, log_density)
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every value given those before it; see `Discrepancy.pointwise`.

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.mechanics.time_loop import Fold
 from structid.probability.truncation import Marginal
 
 
@@ -39,6 +40,31 @@ class Discrepancy(ABC):
             The log-likelihood.
         """
         raise NotImplementedError(f"{type(self).__name__} needs the whole residual")
+
+    def fold(
+        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int
+    ) -> Fold | None:
+        """Give the log density of a residual as a fold over its samples, inside JAX, for a law that has one.
+
+        Parameters
+        ----------
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        runs : int
+            How many.
+        dt : float
+            Time step [s].
+        samples : int
+            Length of the residual.
+
+        Returns
+        -------
+        Fold or None
+            Of samples (channel, run) to the log-likelihood (run,); None for a law that wants the residual whole.
+        """
+        return None
 
     def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
         """σ² of every channel and run; for laws of independent errors.

@@ -16,6 +16,7 @@ from structid.device import jnp, over_runs
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.joint import JointLikelihood
 from structid.inference.likelihood.observation import Observation
+from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.traceable import as_traceable
 from structid.probability.space import ParameterSpace
 
@@ -78,23 +79,18 @@ class Misfit:
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
 
-    def _by_squares(self, theta: Any, data: Any) -> Any:
-        """J(θ) by a shorter way than through the residuals, shape (run,); None for a model that has no such way."""
-        if any(measured.shortcut is None for measured in data) or any(o.nuisances() for o in self._observations):
-            return None
-        parameters = self._likelihood.model_parameters(self._with_rest(theta))
+    def _value(self, theta: Any, data: Any) -> Any:
+        """J(θ) inside JAX, shape (run,); +inf where the response is not finite."""
+        full = self._with_rest(theta)
+        parameters = self._likelihood.model_parameters(full)
         total = jnp.zeros(theta.shape[0])
-        for measured, weights in zip(data, self._weights, strict=True):
-            squares, finite = measured.shortcut.squares(parameters)
-            total = total + jnp.where(finite, weights @ squares, jnp.inf)
+        for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
+            squares, finite = bound.squares(full, parameters, measured)
+            total = total + jnp.where(finite, (weights[:, None] * squares).sum(axis=0), jnp.inf)
         return total
 
     @cached_property
     def _compiled(self) -> dict[str, Callable[..., Any]]:
-        def value(theta: Any, data: Any) -> Any:
-            short = self._by_squares(theta, data)
-            return (self._residuals(theta, data) ** 2).sum(axis=0) if short is None else short
-
         def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
             # Forward mode: few parameters, long histories. One tangent a parameter, all runs at once.
             def pushed(direction: Any) -> Any:
@@ -105,7 +101,8 @@ class Misfit:
             gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
             return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
 
-        return {"value": over_runs(lambda theta, data: (value(theta, data),)), "linearised": over_runs(linearised)}
+        value = InLanes(lambda theta, data: (self._value(theta, data),))
+        return {"value": value, "linearised": over_runs(linearised)}
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Misfit.

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from structid.channels import check_channels
-from structid.device import jnp, over_runs
+from structid.device import jnp
 from structid.errors import InputError
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
@@ -24,6 +24,7 @@ from structid.inference.likelihood.misfit import Misfit
 from structid.inference.likelihood.observation import Observation
 from structid.inference.target import Target
 from structid.journal import digest
+from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import Map, Model, Progress
 from structid.probability.space import Design, ParameterSpace
 
@@ -265,7 +266,7 @@ class Posterior(Target):
     @cached_property
     def _compiled(self) -> Callable[..., Any]:
         # The one program with the model in it. φ is mapped to θ before, by a small one, so that no model is compiled twice.
-        return over_runs(self._parts, shard=self.likelihood.loops_over_time)
+        return InLanes(self._parts, shard=self.likelihood.loops_over_time)
 
     def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior, log-likelihood and failure of every run."""
@@ -337,9 +338,20 @@ class Posterior(Target):
         tuple of ndarray, shape (run,)
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
+        compiled = self._in_lanes
+        if compiled is not None:
+            prior, likelihood, failed = compiled(phi)
+            return prior, likelihood, failed
         theta, jacobian = self.bijection(phi)
         prior, likelihood, failed = self._evaluate(theta)
         return prior + jacobian, likelihood, failed
+
+    @cached_property
+    def _in_lanes(self) -> Callable[[np.ndarray], Any] | None:
+        """The density in unconstrained coordinates, bijection included, for a model that runs in lanes."""
+        if not (self.model.traceable and self.likelihood.loops_over_time):
+            return None
+        return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.

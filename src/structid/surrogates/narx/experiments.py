@@ -11,7 +11,6 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.runs import Runs
-from structid.surrogates.array_module import namespace
 
 
 @dataclass(frozen=True)
@@ -132,13 +131,12 @@ def input_signals(stages: Any) -> Any:
 
     Parameters
     ----------
-    stages : array, shape (time − 1, 1, 3) or (time − 1, 1, 3, input)
-        Stage values, from `Excitation.stage_values(1)`.
+    stages : array, shape (time, 1, 3) or (time, 1, 3, input)
+        `TracedExcitation.stages`.
 
     Returns
     -------
     array, shape (time, input)
         The samples.
     """
-    steps = stages.reshape(stages.shape[0], 3, -1)
-    return namespace(stages).concatenate([steps[:, 0], steps[-1:, 2]])
+    return stages[:, 0, 0].reshape(stages.shape[0], -1)

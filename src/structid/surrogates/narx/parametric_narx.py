@@ -14,6 +14,7 @@ from structid.device import jnp
 from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
@@ -179,8 +180,8 @@ class ParametricNARX(Surrogate):
                 stacklevel=3,
             )
 
-    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond inside JAX by the free run of the recursion.
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop of the free run; see `TraceableModel.time_loop`.
 
         Parameters
         ----------
@@ -191,19 +192,24 @@ class ParametricNARX(Surrogate):
 
         Returns
         -------
-        tuple of jax.Array
-            Values (time, channel, run), NaN from where a run has diverged, and whether none has (run,).
+        TimeLoop
+            What is seen is NaN from where a run has diverged.
         """
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
         bound = PREDICTION_BOUND * self.largest
         coefficients = self.coefficients.predict(self.held_inside(theta)).T
-        scaled = self.recursion.free_run(coefficients, x, bound)[excitation.dropped_samples :]
-        inside = (jnp.abs(scaled) < bound).all(axis=1)  # [time, run]; NaN is not
-        finite = inside.all(axis=0)
-        usable = finite & self.admitted(theta)
-        alive = jnp.where(finite, True, jnp.cumsum(~inside, axis=0) == 0)
-        return jnp.where(alive[:, None], scaled, jnp.nan) * self._factors[:, None], usable
+        free, admitted = self.recursion.free_loop(coefficients, x, bound), self.admitted(theta)
+
+        def step(carried: tuple[Any, Any], row: Any) -> tuple[tuple[Any, Any], Any]:
+            state, inside = carried
+            state, scaled = free.step(state, row)
+            inside = inside & (jnp.abs(scaled) < bound).all(axis=0)  # NaN is not
+            return (state, inside), jnp.where(inside, scaled, jnp.nan) * self._factors[:, None]
+
+        start = (free.start, jnp.ones(theta.shape[0], dtype=bool))
+        lead_in = excitation.dropped_samples
+        return TimeLoop(start, step, free.rows, lead_in, lambda last: last[1] & admitted, free.unroll)
 
     def _coefficients_at(self, theta: np.ndarray) -> np.ndarray:
         return np.asarray(self.coefficients.predict(self.held_inside(theta)))

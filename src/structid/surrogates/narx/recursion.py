@@ -14,6 +14,8 @@ import jax
 import numpy as np
 
 from structid.device import jnp
+from structid.mechanics.time_loop import TimeLoop, all_finite
+from structid.surrogates.array_module import namespace
 from structid.surrogates.narx.terms import Memory, Term
 
 State = dict[str, tuple[Any, ...]]
@@ -198,21 +200,55 @@ class Recursion:
             x(t), x(t−1), …
         """
         deepest = max(self.depth[s] for s in self.inputs)
-        copies = [x if k == 0 else jnp.concatenate([jnp.zeros_like(x[:k]), x[:-k]]) for k in range(deepest + 1)]
-        return jnp.stack(copies, axis=2)
+        numpy = namespace(x)
+        copies = [x if k == 0 else numpy.concatenate([numpy.zeros_like(x[:k]), x[:-k]]) for k in range(deepest + 1)]
+        return numpy.stack(copies, axis=2)
 
-    def free_run(self, coefficients: Any, x: Any, bound: float, unrolled: int = UNROLLED) -> Any:
+    def free_loop(self, coefficients: Any, x: Any, bound: float, unroll: int = UNROLLED) -> TimeLoop:
+        """Give the loop that simulates from the past outputs of the model itself.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run.
+        x : array, shape (time, input) or (time, input, run)
+            Scaled inputs.
+        bound : float
+            Outputs are kept within ± this value, so that a run that diverges stays finite.
+        unroll : int
+            Steps in one pass of the loop of XLA.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen are the scaled outputs (output, run).
+        """
+
+        def step(state: State, at: Any) -> tuple[State, Any]:
+            window, time = at
+            found = self.outputs_of(coefficients, self.values(state, window), time)
+            found = [_bounded(y, bound) for y in found]
+            # The step shows the previous output, which the state holds: to show the new one XLA would compute all terms
+            # twice.
+            return self.advance(coefficients, state, window, found), self.last(state)
+
+        # The row of a sample holds what the next one needs. The last row's step is nobody's.
+        windows, times = self.windows(x), np.arange(x.shape[0]) * self.dt
+        rows = (_from_second(windows), _from_second(times))
+        return TimeLoop(self.at_rest(coefficients[0]), step, rows, 0, all_finite, unroll)
+
+    def free_run(self, coefficients: Any, x: Any, bound: float, unroll: int = UNROLLED) -> Any:
         """Simulate from the past outputs of the model itself.
 
         Parameters
         ----------
         coefficients : jax.Array, shape (coefficient, run)
             ϑ of every run.
-        x : jax.Array, shape (time, input) or (time, input, run)
+        x : array, shape (time, input) or (time, input, run)
             Scaled inputs.
         bound : float
-            Outputs are kept within ± this value, so that a run that diverges stays finite.
-        unrolled : int
+            Outputs are kept within ± this value.
+        unroll : int
             Steps in one pass of the loop of XLA.
 
         Returns
@@ -220,22 +256,21 @@ class Recursion:
         jax.Array, shape (time, output, run)
             Scaled outputs.
         """
+        return self.free_loop(coefficients, x, bound, unroll).run()[0]
 
-        def step(state: State, at: Any) -> tuple[State, Any]:
-            window, time = at
-            found = self.outputs_of(coefficients, self.values(state, window), time)
-            found = [_bounded(y, bound) for y in found]
-            # The step stores the previous output, which the state holds: to store the new one XLA would compute all terms
-            # twice.
-            return self.advance(coefficients, state, window, found), self._last(state)
+    def last(self, state: State) -> Any:
+        """Latest outputs in a state.
 
-        times = jnp.arange(x.shape[0]) * self.dt
-        series = (self.windows(x)[1:], times[1:])
-        end, all_but_last = jax.lax.scan(step, self.at_rest(coefficients[0]), series, unroll=unrolled)
-        return jnp.concatenate([all_but_last, self._last(end)[None]])
+        Parameters
+        ----------
+        state : State
+            The state.
 
-    def _last(self, state: State) -> Any:
-        """Latest outputs in a state, shape (output, run)."""
+        Returns
+        -------
+        jax.Array, shape (output, run)
+            Scaled.
+        """
         return jnp.stack([state[y][0] for y in self.outputs])
 
     def multi_step(
@@ -311,6 +346,11 @@ class Recursion:
 
         times = jnp.arange(x.shape[0]) * self.dt
         return jax.lax.scan(step, self._from_measured(y), (self.windows(x)[1:], y[1:], times[1:]))[1]
+
+
+def _from_second(rows: Any) -> Any:
+    """Rows from the second on, the last one twice."""
+    return namespace(rows).concatenate([rows[1:], rows[-1:]])
 
 
 def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:

@@ -1,0 +1,155 @@
+"""Exponential and logarithm on vectors of lanes, which LLVM would otherwise ask of the C library, one lane after the other.
+
+Both follow the usual way: reduce the argument exactly, sum a series of the small rest, put the exponent's bits together (e.g.
+J.-M. Muller, "Elementary Functions", 3rd ed., ch. 11). The series are those of Taylor and of atanh, cut where the rest is below
+rounding.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+
+from structid.mechanics.lanes.vector_code import FLAGS, Number, Register, VectorCode
+
+LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
+LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
+"""log 2 in two parts, the first with so few digits that its products with whole numbers up to 2048 are exact."""
+
+LARGEST_EXPONENT, SMALLEST_EXPONENT = 711.0, -707.0
+"""Beyond the first the exponential is infinite (a little before, too); below the second, at 1e-307, it is taken as zero."""
+
+TO_WHOLE = 1.5 * 2.0**52
+"""Added to a number of moderate size, it rounds it to a whole one, which then stands in the last bits."""
+
+MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
+"""Bits of a float's mantissa, and those of 1.0."""
+
+SMALLEST_NORMAL = 2.0**-1022
+
+
+def exponential(code: VectorCode, x: Number) -> Number:
+    """Compute eˣ = 2ᵏ eʳ with |r| ≤ ½ log 2.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        eˣ to 4e-16 of itself; 0 below −707.
+    """
+    if not isinstance(x, Register):
+        return math.exp(x)
+    # A NaN stays one: where a comparison fails, the argument itself is taken.
+    low = code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), SMALLEST_EXPONENT, x)
+    held = code.select(_compare(code, "ogt", low, LARGEST_EXPONENT), LARGEST_EXPONENT, low)
+    # The sum has no flags: LLVM is not to see that the constant is added and taken away again.
+    shifted = code.operation("fadd", [code.operation(f"fmul {FLAGS}", [held, 1.0 / math.log(2.0)]), TO_WHOLE])
+    k = code.operation("fsub", [shifted, TO_WHOLE])
+    rest = _multiply_add(code, k, -LOG_2_LOW, _multiply_add(code, k, -LOG_2_HIGH, held))
+    series = _polynomial(code, [1.0 / math.factorial(power) for power in range(14)], rest)
+    # k, in the last bits of `shifted`, becomes the exponent's bits of 2ᵏ⁻¹: those of 2¹⁰²⁴ would be infinity's.
+    bits = code.operation("shl", [code.operation("add", [_bits(code, shifted), 1022], "i64"), 52], "i64")
+    half = code.operation(f"fmul {FLAGS}", [series, code.cast("bitcast", bits, "double")])
+    found = code.operation(f"fmul {FLAGS}", [half, 2.0])
+    return code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), 0.0, found)
+
+
+def logarithm(code: VectorCode, x: Number) -> Number:
+    """Compute log x = e log 2 + 2 atanh s with x = 2ᵉ m, √½ ≤ m < √2, s = (m − 1)/(m + 1).
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        log x to 4e-16 of itself; −∞ at 0, NaN below.
+    """
+    if not isinstance(x, Register):
+        return math.log(x) if x > 0 else -math.inf if x == 0 else math.nan
+    tiny = _compare(code, "olt", x, SMALLEST_NORMAL)
+    normal = code.select(tiny, code.operation(f"fmul {FLAGS}", [x, 2.0**54]), x)
+    bits = _bits(code, normal)
+    # The exponent's bits, put where those of 2⁵² have their mantissa, are a whole number.
+    raised = code.operation("or", [code.operation("lshr", [bits, 52], "i64"), _float_bits(2.0**52)], "i64")
+    exponent: Number = code.operation("fsub", [code.cast("bitcast", raised, "double"), 2.0**52 + 1023.0])
+    mantissa_bits = code.operation("or", [code.operation("and", [bits, MANTISSA], "i64"), ONE], "i64")
+    mantissa: Number = code.cast("bitcast", mantissa_bits, "double")
+    large = _compare(code, "ogt", mantissa, math.sqrt(2.0))
+    mantissa = code.select(large, code.operation(f"fmul {FLAGS}", [mantissa, 0.5]), mantissa)
+    exponent = code.select(large, code.operation(f"fadd {FLAGS}", [exponent, 1.0]), exponent)
+    exponent = code.select(tiny, code.operation(f"fsub {FLAGS}", [exponent, 54.0]), exponent)
+    f = code.operation(f"fsub {FLAGS}", [mantissa, 1.0])
+    s = code.operation("fdiv", [f, code.operation(f"fadd {FLAGS}", [f, 2.0])])
+    square = code.operation(f"fmul {FLAGS}", [s, s])
+    series = _polynomial(code, [2.0 / odd for odd in range(3, 25, 2)], square)
+    # 2 atanh s = 2s + s (s² series), and 2s = f − s f, of which f is exact.
+    atanh = _multiply_add(
+        code, s, code.operation(f"fsub {FLAGS}", [code.operation(f"fmul {FLAGS}", [square, series]), f]), f
+    )
+    found: Number = _multiply_add(code, exponent, LOG_2_HIGH, _multiply_add(code, exponent, LOG_2_LOW, atanh))
+    found = code.select(_compare(code, "oeq", x, math.inf), math.inf, found)
+    found = code.select(_compare(code, "oeq", x, 0.0), -math.inf, found)
+    return code.select(_compare(code, "uge", x, 0.0), code.select(_compare(code, "uno", x, x), x, found), math.nan)
+
+
+def logarithm_of_one_plus(code: VectorCode, x: Number) -> Number:
+    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose error the quotient takes back (W. Kahan).
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        log(1 + x), accurate for small x too.
+    """
+    if not isinstance(x, Register):
+        return math.log1p(x) if x > -1 else -math.inf if x == -1 else math.nan
+    u = code.operation("fadd", [x, 1.0])
+    lost = code.operation("fsub", [u, 1.0])
+    found: Number = code.operation(f"fmul {FLAGS}", [logarithm(code, u), code.operation("fdiv", [x, lost])])
+    found = code.select(_compare(code, "oeq", u, math.inf), math.inf, found)
+    return code.select(_compare(code, "oeq", lost, 0.0), x, found)
+
+
+def _compare(code: VectorCode, words: str, a: Number, b: Number) -> Register:
+    return code.operation(f"fcmp {words}", [a, b], result="i1")
+
+
+def _multiply_add(code: VectorCode, a: Number, b: Number, c: Number) -> Register:
+    """A b + c, in one operation where the machine has one."""
+    return code.operation(f"fadd {FLAGS}", [code.operation(f"fmul {FLAGS}", [a, b]), c])
+
+
+def _polynomial(code: VectorCode, coefficients: Sequence[Number], x: Number) -> Number:
+    """Σ cᵢ xⁱ by Estrin's scheme: neighbours are joined until one is left, so that few operations wait for each other."""
+    while len(coefficients) > 1:
+        pairs = [coefficients[i : i + 2] for i in range(0, len(coefficients), 2)]
+        coefficients = [_multiply_add(code, pair[1], x, pair[0]) if len(pair) == 2 else pair[0] for pair in pairs]
+        x = code.operation(f"fmul {FLAGS}", [x, x])
+    return coefficients[0]
+
+
+def _bits(code: VectorCode, number: Number) -> Register:
+    assert isinstance(number, Register)
+    return code.cast("bitcast", number, "i64")
+
+
+def _float_bits(number: float) -> int:
+    return int(struct.unpack(">q", struct.pack(">d", number))[0])

@@ -1,0 +1,166 @@
+"""A JAX function of many runs, done in compiled lanes where that can be, and by JAX where not."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.device import over_runs, padded_size
+from structid.mechanics.lanes.blocks import on_all_cores
+from structid.mechanics.lanes.kernel import ENTRY, Kernel, kernel
+from structid.mechanics.lanes.machine import lanes, load, why_not
+from structid.mechanics.lanes.primitives import UntranslatableError
+from structid.mechanics.lanes.splitting import by_jax, foreign_results, inlined
+from structid.mechanics.lanes.translation import History
+
+KEPT = 8
+"""Sets of constants for which a function stays compiled."""
+
+_log = logging.getLogger(__name__)
+
+
+class InLanes:
+    """Compile a function of arrays with a leading run axis, each run on its own: `device.over_runs`, in lanes.
+
+    The function is traced for one run, and what JAX lists of it is written as vector code. Where something in it has no vector
+    code, or nothing can be compiled here, JAX runs it.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays; the constants are the same for all runs.
+    run_axes : int or tree of int
+        Where the run axis is in what `function` returns.
+    shard : bool
+        Whether JAX should share the runs out over the cores.
+    """
+
+    def __init__(self, function: Callable[..., Any], run_axes: Any = 0, shard: bool = True) -> None:
+        self._function, self._run_axes = function, run_axes
+        self._by_jax = over_runs(function, run_axes, shard)
+        self._bound: dict[tuple[int, ...], tuple[Any, Any]] = {}
+        self.why_not = why_not()
+
+    def __call__(self, theta: np.ndarray, *constants: Any) -> Any:
+        """Call the function.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            One row for each run.
+        *constants : tree of arrays
+            The same for all.
+
+        Returns
+        -------
+        tree of ndarray
+            What the function returns.
+        """
+        theta = np.asarray(theta, dtype=np.float64)
+        lanes = self.compiled(theta.shape[1], constants)
+        return self._by_jax(theta, *constants) if lanes is None else lanes(theta)
+
+    def compiled(self, parameters: int, constants: tuple[Any, ...]) -> Callable[[np.ndarray], Any] | None:
+        """Compile the function, or take it from where it was compiled before.
+
+        Parameters
+        ----------
+        parameters : int
+            Length of a row.
+        constants : tuple of tree of arrays
+            The same for all runs.
+
+        Returns
+        -------
+        callable or None
+            From rows to what the function returns; None where lanes cannot do it, and `why_not` says why.
+        """
+        if self.why_not:
+            return None
+        try:
+            return self._kept(parameters, constants)
+        except UntranslatableError as cause:
+            self.why_not = str(cause)
+            _log.info("JAX runs %s, since lanes cannot: %s", self._function, cause)
+            return None
+
+    def _kept(self, parameters: int, constants: Any) -> _Bound:
+        leaves = jax.tree.leaves(constants)
+        key = (parameters, *map(id, leaves))
+        if key not in self._bound:
+            if len(self._bound) >= KEPT:
+                self._bound.pop(next(iter(self._bound)))
+            # The leaves are kept, so that no other array gets their identity.
+            self._bound[key] = leaves, _Bound(self._function, self._run_axes, parameters, constants)
+        found: _Bound = self._bound[key][1]
+        return found
+
+
+class _Bound:
+    """A function with its constants, compiled."""
+
+    def __init__(self, function: Callable[..., Any], run_axes: Any, parameters: int, constants: Any) -> None:
+        one_run = jax.ShapeDtypeStruct((1, parameters), np.float64)
+        traced, shapes = jax.make_jaxpr(lambda theta: function(theta, *constants), return_shape=True)(one_run)
+        leaves, self._tree = jax.tree.flatten(shapes)
+        axes = jax.tree.map(lambda _: run_axes, shapes) if isinstance(run_axes, int) else run_axes
+        flat = inlined(traced)
+        foreign = foreign_results(flat)
+        self._foreign = by_jax(flat, foreign) if foreign else None
+        self.kernel: Kernel = kernel(flat, lanes(), foreign)
+        self._compiled = load(self.kernel.text, ENTRY)
+        self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
+
+    def __call__(self, theta: np.ndarray) -> Any:
+        kernel, (count, columns) = self.kernel, theta.shape
+        blocks = -(-count // kernel.width)
+        stride = blocks * kernel.width
+        arguments = np.empty((kernel.taken, stride))
+        arguments[:columns, :count], arguments[:columns, count:] = theta.T, theta[-1:].T
+        if self._foreign is not None:
+            more = np.repeat(theta[-1:], padded_size(stride) - count, axis=0)
+            arguments[columns:] = self._foreign(np.concatenate([theta, more]))[:, :stride]
+        results, histories = np.empty((kernel.rows, stride)), np.empty((kernel.histories, stride))
+        next_block = np.zeros(1, dtype=np.int64)
+        buffers = [a.ctypes.data for a in (arguments, kernel.shared, results, histories, next_block)]
+        on_all_cores(lambda: self._compiled(*buffers, stride, blocks), blocks)
+        parts = results, histories
+        return jax.tree.unflatten(self._tree, [output.taken_from(parts, count) for output in self._outputs])
+
+
+@dataclass(frozen=True)
+class _Output:
+    """Where one array that a function returns is found: some rows of the results, or of the histories."""
+
+    buffer: int
+    first: int
+    shape: tuple[int, ...]
+    axis: int
+    truths: bool
+
+    def taken_from(self, buffers: tuple[np.ndarray, np.ndarray], count: int) -> np.ndarray:
+        """The array of so many runs."""
+        rows = buffers[self.buffer][self.first : self.first + math.prod(self.shape), :count]
+        found = rows[0] if not self.shape else rows.reshape(*self.shape, count)
+        if self.axis != len(self.shape):
+            found = np.moveaxis(found, -1, self.axis)
+        return found != 0.0 if self.truths else found
+
+
+def _outputs(kernel: Kernel, leaves: list[Any], axes: list[int]) -> list[_Output]:
+    """Places of what a function returns: `leaves` of one run, the run axis of each among `axes`."""
+    found, row = [], 0
+    for place, leaf, axis in zip(kernel.outputs, leaves, axes, strict=True):
+        shape = tuple(n for i, n in enumerate(leaf.shape) if i != axis)
+        if isinstance(place, History):
+            found.append(_Output(1, place.first, shape, axis, truths=False))
+        else:
+            found.append(_Output(0, row, shape, axis, truths=leaf.dtype == np.bool_))
+            row += math.prod(shape)
+    return found

@@ -1,0 +1,107 @@
+"""The text of a compiled function of many runs: blocks of lanes outside, the function of one run inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr
+
+from structid.mechanics.lanes.translation import History, Translator
+from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
+
+ENTRY = "run_blocks"
+"""Name of the compiled function."""
+
+SIGNATURE = (
+    "ptr noalias %arguments, ptr noalias %shared, ptr noalias %results, ptr noalias %histories, ptr %next_block, "
+    "i64 %stride, i64 %blocks"
+)
+"""Its arguments. All arrays but `shared` have the runs last, `stride` of them. Threads take blocks from one counter."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A function of many runs as text, and what goes with it.
+
+    Parameters
+    ----------
+    text : str
+        For LLVM.
+    width : int
+        Runs in a block.
+    shared : ndarray
+        Numbers that all runs share.
+    outputs : tuple of History or shape
+        Where each output is: a history, or rows of the results one after the other.
+    taken, rows, histories : int
+        Rows of the arguments, of the results, and of the buffer of histories.
+    """
+
+    text: str
+    width: int
+    shared: np.ndarray
+    outputs: tuple[History | tuple[int, ...], ...]
+    taken: int
+    rows: int
+    histories: int
+
+
+def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Kernel:
+    """Write a function of one run as one of many.
+
+    Parameters
+    ----------
+    function : ClosedJaxpr
+        Of arrays of numbers of one run.
+    width : int
+        Runs in a block.
+    foreign : sequence of Var
+        Results in it that somebody else computes: further arguments.
+
+    Returns
+    -------
+    Kernel
+        The text, and what goes with it.
+
+    Raises
+    ------
+    UntranslatableError
+        If something in it has no vector code.
+    """
+    code = VectorCode(width)
+    translator = Translator(code)
+    outputs: list[History | tuple[int, ...]] = []
+    taken, written = 0, 0
+
+    def row(base: str, number: int) -> str:
+        return code.address(base, code.whole("add", code.whole("mul", "%stride", number), translator.column))
+
+    with code.shared_loop("%next_block", "%blocks") as block:
+        translator.column = code.whole("mul", block, width)
+        arguments = []
+        for aval in (*function.in_avals, *(v.aval for v in foreign)):
+            numbers = np.empty(aval.shape, dtype=object)
+            for place in np.ndindex(aval.shape):
+                number: Number = code.load(row("%arguments", taken), lanes=True)
+                if aval.dtype == np.bool_:
+                    number = code.operation("fcmp une", [number, 0.0], result="i1")
+                numbers[place], taken = number, taken + 1
+            arguments.append(numbers)
+        given = dict(zip(foreign, arguments[len(function.in_avals) :], strict=True))
+        for value in translator.function(function, arguments[: len(function.in_avals)], given):
+            if isinstance(value, History):
+                outputs.append(value)
+                continue
+            numbers = translator.numbers(value)
+            for number in numbers.reshape(-1):
+                if isinstance(number, Register) and number.kind == "i1":
+                    number = code.cast("uitofp", number, "double")
+                code.store(number, row("%results", written), lanes=True)
+                written += 1
+            outputs.append(numbers.shape)
+    body = "\n".join([*code.entry, *code.lines])
+    text = f"define void @{ENTRY}({SIGNATURE}) nounwind {{\n{body}\n  ret void\n}}\n"
+    return Kernel(text, width, translator.shared, tuple(outputs), taken, written, translator.rows)

@@ -1,0 +1,183 @@
+"""From text to a function of this machine: LLVM compiles it once, and what it made is kept on disk.
+
+LLVM comes with llvmlite, the part of Numba that binds it to Python; no compiler need be installed. Where llvmlite is missing,
+`why_not` says so, and loops are left to JAX.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import functools
+import hashlib
+import os
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from structid.cores import cache_folder
+
+LEAST_LLVM = 20
+"""The first version of LLVM that reads what `vector_code` writes."""
+
+_POINTERS, _WHOLE_NUMBERS = 5, 2
+"""Arguments of a kernel; see `kernel.SIGNATURE`."""
+
+_lock = threading.Lock()
+
+
+def _forget() -> None:
+    """A process that is forked while another thread compiles would wait for it forever."""
+    global _lock
+    _lock = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget)
+
+
+@functools.cache
+def why_not() -> str:
+    """Say why nothing can be compiled here.
+
+    Returns
+    -------
+    str
+        The reason; empty where it can.
+    """
+    if os.environ.get("STRUCTID_ENGINE") == "jax":
+        return "STRUCTID_ENGINE=jax"
+    try:
+        import llvmlite.binding as llvm
+
+        if llvm.llvm_version_info[0] < LEAST_LLVM:
+            return f"llvmlite with LLVM {llvm.llvm_version_info[0]}, and LLVM {LEAST_LLVM} or later is needed"
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+    except (ImportError, OSError, RuntimeError) as cause:
+        return f"llvmlite cannot be used ({cause})"
+    return ""
+
+
+class _Machine:
+    """LLVM for the processor it runs on."""
+
+    def __init__(self) -> None:
+        import llvmlite
+        import llvmlite.binding as llvm
+
+        self.llvm = llvm
+        self.processor: str = llvm.get_host_cpu_name()
+        features = llvm.get_host_cpu_features().flatten()
+        self.wide = "+avx512f" in features
+        target = llvm.Target.from_default_triple()
+        self.target = target.create_target_machine(
+            cpu=self.processor, features=features, opt=3, reloc="pic", codemodel="default"
+        )
+        self.identity = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}, {self.processor}, {features}"
+        self.linker = llvm.create_lljit_compiler()
+
+    def object_code(self, text: str) -> bytes:
+        """Compile."""
+        module = self.llvm.parse_assembly(text)
+        module.verify()
+        module.triple, module.data_layout = self.target.triple, str(self.target.target_data)
+        options = self.llvm.create_pipeline_tuning_options(speed_level=2)
+        # The code is in vectors and in the loops that it should be in.
+        options.loop_unrolling = options.loop_vectorization = options.slp_vectorization = False
+        passes = self.llvm.create_pass_builder(self.target, options)
+        passes.getModulePassManager().run(module, passes)
+        return bytes(self.target.emit_object(module))
+
+    def linked(self, code: bytes, function: str, name: str) -> Any:
+        """Load object code; what is returned must be kept as long as the function is used."""
+        library = self.llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(function)
+        return library.link(self.linker, name)
+
+
+@functools.cache
+def _machine() -> _Machine:
+    return _Machine()
+
+
+def lanes() -> int:
+    """Number of runs in a block: two registers for each number, or a core would wait for one operation to begin the next.
+
+    Returns
+    -------
+    int
+        16 where a register holds eight numbers, 8 where it holds four or two.
+    """
+    return 16 if _machine().wide else 8
+
+
+def processor() -> str:
+    """Name of the processor that code is compiled for.
+
+    Returns
+    -------
+    str
+        LLVM's name.
+    """
+    return _machine().processor
+
+
+_loaded: dict[str, tuple[Any, Callable[..., None]]] = {}
+
+
+def load(text: str, function: str) -> Callable[..., None]:
+    """Compile a function, or take it from memory or disk where it has been compiled before.
+
+    Parameters
+    ----------
+    text : str
+        For LLVM.
+    function : str
+        The function in it: five pointers and two whole numbers.
+
+    Returns
+    -------
+    callable
+        It lets go of Python's lock while it runs.
+    """
+    with _lock:
+        machine = _machine()
+        name = hashlib.sha256(f"{machine.identity}\n{text}".encode()).hexdigest()[:32]
+        if name not in _loaded:
+            library = _from_disk(machine, function, name) or machine.linked(
+                _kept(name, machine.object_code(text)), function, name
+            )
+            signature = [ctypes.c_void_p] * _POINTERS + [ctypes.c_int64] * _WHOLE_NUMBERS
+            _loaded[name] = library, ctypes.CFUNCTYPE(None, *signature)(library[function])
+        return _loaded[name][1]
+
+
+# --- on disk --------------------------------------------------------------------------------------------------------
+
+
+def _file(name: str) -> Path:
+    return cache_folder("lanes") / f"{name}.o"
+
+
+def _from_disk(machine: _Machine, function: str, name: str) -> Any:
+    """What was compiled before; None where there is nothing, or something broken, which is then made again."""
+    try:
+        stored = _file(name).read_bytes()
+    except OSError:
+        return None
+    check, code = stored[:32], stored[32:]
+    if hashlib.sha256(code).digest() != check:
+        return None
+    return machine.linked(code, function, name)
+
+
+def _kept(name: str, code: bytes) -> bytes:
+    """Keep object code for the next process, whole or not at all. Where nothing can be written, nothing is kept."""
+    file = _file(name)
+    with contextlib.suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, prefix=name, delete=False) as written:
+            written.write(hashlib.sha256(code).digest() + code)
+        Path(written.name).replace(file)
+    return code

@@ -1,0 +1,373 @@
+"""From a jaxpr, JAX's list of primitive operations on one run, to vector code for many."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jax.extend.core import ClosedJaxpr, Literal
+
+from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
+from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
+
+CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
+"""Primitives that stand for a function, and the parameter that holds it."""
+
+IN_NUMPY: dict[str, Callable[..., Any]] = {
+    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
+    "abs": np.abs, "exp": np.exp, "log": np.log, "gt": np.greater, "lt": np.less,
+}  # fmt: skip
+"""Operations that NumPy does as JAX does, on numbers of one kind."""
+
+LARGEST_ARRAY = 4096
+"""Largest array whose numbers are operated on one by one."""
+
+
+@dataclass(frozen=True)
+class Shared:
+    """An array that all runs share. Its numbers are not in the text: other numbers need no other code.
+
+    Parameters
+    ----------
+    values : ndarray
+        The numbers.
+    """
+
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class History:
+    """What a loop over time kept: rows of the buffer of histories, each with a number for every run.
+
+    Parameters
+    ----------
+    first : int
+        Number of its first row.
+    shape : tuple of int
+        (time, …).
+    """
+
+    first: int
+    shape: tuple[int, ...]
+
+
+Value = np.ndarray | Shared | History
+"""Constants that stand in the text, numbers shared by all runs, numbers in registers, or a history."""
+
+
+class Translator:
+    """Writes functions of one run as vector code.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where they are written.
+
+    Attributes
+    ----------
+    rows : int
+        Rows of the buffer of histories taken so far.
+    """
+
+    def __init__(self, code: VectorCode) -> None:
+        self.code, self.rows = code, 0
+        self._tables: list[np.ndarray] = []
+        self._offsets: dict[bytes, int] = {}
+        self._loaded: dict[int, Register] = {}
+        self._depth = 0
+        self.column = "0"
+
+    @property
+    def shared(self) -> np.ndarray:
+        """Every number that all runs share, one after the other."""
+        return np.concatenate(self._tables) if self._tables else np.zeros(1)
+
+    def function(
+        self, function: ClosedJaxpr, arguments: Sequence[Value], given: Mapping[Any, Value] | None = None
+    ) -> list[Value]:
+        """Write a function.
+
+        Parameters
+        ----------
+        function : ClosedJaxpr
+            The function.
+        arguments : sequence of Value
+            What it is given.
+        given : mapping of Var to Value, optional
+            Results that are there already.
+
+        Returns
+        -------
+        list of Value
+            What it returns.
+
+        Raises
+        ------
+        UntranslatableError
+            If something in it has no vector code.
+        """
+        consts = [c if isinstance(c, (Shared, History)) else Shared(np.asarray(c)) for c in function.consts]
+        body = function.jaxpr
+        known: dict[Any, Value] = dict(zip([*body.constvars, *body.invars], [*consts, *arguments], strict=True))
+        known.update(given or {})
+
+        def read(atom: Any) -> Value:
+            return np.asarray(atom.val) if isinstance(atom, Literal) else known[atom]
+
+        # Backwards, so that nothing is written that only leads to what is given.
+        wanted, steps = {v for v in body.outvars if not isinstance(v, Literal)}, []
+        for equation in reversed(body.eqns):
+            if wanted.intersection(equation.outvars) and not known.keys() >= set(equation.outvars):
+                steps.append(equation)
+                wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
+        for equation in reversed(steps):
+            taken = [read(atom) for atom in equation.invars]
+            made = self._operation(equation.primitive, equation.params, taken)
+            known.update(zip(equation.outvars, made, strict=True))
+        return [read(atom) for atom in body.outvars]
+
+    def _operation(self, primitive: Any, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
+        name = primitive.name
+        if name in CALLS:
+            return self.function(parameters[CALLS[name]], taken)
+        if all(_is_known(x) for x in taken):
+            return _computed_now(primitive, parameters, taken)
+        if name == "scan":
+            return self._loop(parameters, taken)
+        if any(isinstance(x, History) for x in taken):
+            return [_part_of_history(name, parameters, taken)]
+        arrays = [self.numbers(x) for x in taken]
+        if name in ARITHMETIC:
+            return [_elementwise(ARITHMETIC[name], self.code, parameters, arrays)]
+        if name in ARRANGEMENT:
+            return [np.asarray(ARRANGEMENT[name](parameters, *arrays), dtype=object)]
+        if name in REDUCTION:
+            return [np.asarray(REDUCTION[name](self.code, parameters, *arrays), dtype=object)]
+        raise UntranslatableError(f"the operation '{name}'")
+
+    # --- numbers that all runs share ----------------------------------------------------------------------------
+
+    def _offset(self, values: np.ndarray) -> int:
+        """Place of an array in the table of shared numbers, in which equal arrays stand once."""
+        flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
+        key = flat.tobytes()
+        if key not in self._offsets:
+            self._offsets[key] = sum(len(t) for t in self._tables)
+            self._tables.append(flat)
+        return self._offsets[key]
+
+    def numbers(self, value: Value) -> Array:
+        """Numbers of an array, to be operated on one by one.
+
+        Parameters
+        ----------
+        value : Value
+            The array.
+
+        Returns
+        -------
+        ndarray of Number
+            Those that all runs share are loaded once.
+        """
+        if isinstance(value, History):
+            raise UntranslatableError("arithmetic on a whole history")
+        if isinstance(value, np.ndarray):
+            return value
+        if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
+            raise UntranslatableError(f"an array of {value.values.size} numbers of kind {value.values.dtype}")
+        first, found = self._offset(value.values), np.empty(value.values.size, dtype=object)
+        for index in range(len(found)):
+            number = self._load_shared(first + index)
+            found[index] = (
+                self.code.operation("fcmp une", [number, 0.0], result="i1") if value.values.dtype == bool else number
+            )
+        return found.reshape(value.values.shape)
+
+    def _load_shared(self, offset: int) -> Register:
+        if offset not in self._loaded:
+            self._loaded[offset] = self.code.load_once("%shared", offset)
+        return self._loaded[offset]
+
+    # --- loops --------------------------------------------------------------------------------------------------
+
+    def _loop(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
+        """A loop over time, or one inside its step, such as that over the substeps of a sample."""
+        if parameters["reverse"]:
+            raise UntranslatableError("a loop that runs backwards")
+        constants, carried, length = (parameters[name] for name in ("num_consts", "num_carry", "length"))
+        fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
+        fixed = [x if _is_known(x) and _size(x) > LARGEST_ARRAY else self.numbers(x) for x in fixed]
+        state = [_Slots(self.code, self.numbers(x)) for x in start]
+        tables = [self._series(x) for x in series]
+        kept = [self._history(length, aval.shape) for aval in parameters["jaxpr"].out_avals[carried:]]
+        self._depth += 1
+        with self.code.loop(length) as at:
+            rows = [table(at) for table in tables]
+            made = self.function(parameters["jaxpr"], [*fixed, *(s.read() for s in state), *rows])
+            for history, value in zip(kept, made[carried:], strict=True):
+                self._keep(history, at, self.numbers(value))
+            for slots, value in zip(state, made[:carried], strict=True):
+                slots.write(self.numbers(value))
+        self._depth -= 1
+        return [*(s.read() for s in state), *kept]
+
+    def _series(self, value: Value) -> Callable[[str], Array]:
+        """Return the function that loads a row of what a loop goes through."""
+        if isinstance(value, History):
+            return lambda at: self._row_of_history(value, at)
+        if isinstance(value, np.ndarray) and value.dtype == object:
+            if value.size > LARGEST_ARRAY:
+                raise UntranslatableError(f"a loop through {value.size} numbers of each run")
+            return _Table(self.code, value).row
+        values = value.values if isinstance(value, Shared) else value
+        if values.dtype != np.float64:
+            raise UntranslatableError(f"a loop through numbers of kind {values.dtype}")
+        first, shape = self._offset(values), values.shape[1:]
+        return lambda at: self._row_of_table(first, shape, at)
+
+    def _row_of_table(self, first: int, shape: tuple[int, ...], at: str) -> Array:
+        code, count = self.code, int(np.prod(shape))
+        row = code.whole("add", code.whole("mul", at, count), first)
+        return _array(
+            [code.load(code.address("%shared", code.whole("add", row, i)), lanes=False) for i in range(count)], shape
+        )
+
+    def _history(self, length: int, shape: tuple[int, ...]) -> History:
+        if self._depth:
+            raise UntranslatableError("a loop within the loop that keeps values")
+        found = History(self.rows, (length, *shape))
+        self.rows += int(np.prod(found.shape))
+        return found
+
+    def _places(self, history: History, at: str) -> list[str]:
+        """Addresses of the numbers of one sample."""
+        code, count = self.code, int(np.prod(history.shape[1:]))
+        row = code.whole("add", code.whole("mul", at, count), history.first)
+        first = code.whole("add", code.whole("mul", row, "%stride"), self.column)
+        return [
+            code.address("%histories", code.whole("add", first, code.whole("mul", "%stride", i))) for i in range(count)
+        ]
+
+    def _keep(self, history: History, at: str, numbers: Array) -> None:
+        for number, place in zip(numbers.reshape(-1), self._places(history, at), strict=True):
+            self.code.store(number, place, lanes=True)
+
+    def _row_of_history(self, history: History, at: str) -> Array:
+        return _array([self.code.load(p, lanes=True) for p in self._places(history, at)], history.shape[1:])
+
+
+def _is_known(value: Value) -> bool:
+    """Whether its numbers are known before the code runs."""
+    return isinstance(value, Shared) or (isinstance(value, np.ndarray) and value.dtype != object)
+
+
+def _size(value: Value) -> int:
+    return value.values.size if isinstance(value, Shared) else int(np.prod(value.shape))
+
+
+def _computed_now(primitive: Any, parameters: dict[str, Any], taken: Sequence[Any]) -> list[Value]:
+    """Results of an operation on numbers that are known: constants if all of them are."""
+    arrays = _values(primitive, parameters, [x.values if isinstance(x, Shared) else x for x in taken])
+    return [Shared(x) for x in arrays] if any(isinstance(x, Shared) for x in taken) else list(arrays)
+
+
+def _values(primitive: Any, parameters: dict[str, Any], taken: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """The same by NumPy where it has the operation: JAX would compile each for itself."""
+    name = primitive.name
+    if name in ARRANGEMENT:
+        return [np.asarray(ARRANGEMENT[name](parameters, *taken), dtype=taken[0].dtype)]
+    if name in IN_NUMPY:
+        return [np.asarray(IN_NUMPY[name](*taken))]
+    found = primitive.bind(*taken, **parameters)
+    return [np.asarray(x) for x in (found if primitive.multiple_results else [found])]
+
+
+def _part_of_history(name: str, parameters: dict[str, Any], taken: Sequence[Any]) -> History:
+    """Later samples of a history, such as those after the lead-in."""
+    history, whole = taken[0], slice(None)
+    if name == "slice" and not any((parameters["strides"] or (1,))[0] != 1 for _ in whole.indices(1)):
+        starts, ends = parameters["start_indices"], parameters["limit_indices"]
+        if all(s == 0 for s in starts[1:]) and tuple(ends[1:]) == history.shape[1:]:
+            each = int(np.prod(history.shape[1:]))
+            return History(history.first + starts[0] * each, (ends[0] - starts[0], *history.shape[1:]))
+    raise UntranslatableError(f"the operation '{name}' on a whole history")
+
+
+def _elementwise(
+    function: Callable[..., Number], code: VectorCode, parameters: dict[str, Any], taken: Sequence[Array]
+) -> Array:
+    spread = np.broadcast_arrays(*taken)
+    found = np.empty(spread[0].shape, dtype=object)
+    for place in np.ndindex(found.shape):
+        found[place] = function(code, parameters, *(x[place] for x in spread))
+    return found
+
+
+def _array(numbers: Sequence[Number], shape: tuple[int, ...]) -> Array:
+    found = np.empty(len(numbers), dtype=object)
+    found[:] = numbers
+    return found.reshape(shape)
+
+
+class _Slots:
+    """An array of numbers that changes from pass to pass of a loop, each lane with its own.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    start : ndarray of Number
+        Before the first pass.
+    """
+
+    def __init__(self, code: VectorCode, start: Array) -> None:
+        self._code, self._shape = code, start.shape
+        self._kinds = [_kind(number) for number in start.reshape(-1)]
+        self._places = [code.slot(lanes=True, kind=kind) for kind in self._kinds]
+        self.write(start)
+
+    def read(self) -> Array:
+        """Load the numbers."""
+        found = [self._code.load(p, lanes=True, kind=k) for p, k in zip(self._places, self._kinds, strict=True)]
+        return _array(found, self._shape)
+
+    def write(self, numbers: Array) -> None:
+        """Store the numbers."""
+        for number, place, kind in zip(numbers.reshape(-1), self._places, self._kinds, strict=True):
+            self._code.store(number, place, lanes=True, kind=kind)
+
+
+def _kind(number: Number) -> str:
+    if isinstance(number, Register):
+        return number.kind
+    return "i1" if isinstance(number, (bool, np.bool_)) else "double"
+
+
+class _Table:
+    """A small array of registers whose rows a loop takes one after the other, kept in memory.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    numbers : ndarray of Number
+        The array, its first axis that of the loop.
+    """
+
+    def __init__(self, code: VectorCode, numbers: Array) -> None:
+        self._code, self._shape = code, numbers.shape[1:]
+        flat = numbers.reshape(-1)
+        self._lanes = any(isinstance(n, Register) and n.lanes for n in flat)
+        self._place = code.slot(self._lanes, len(flat))
+        for index, number in enumerate(flat):
+            code.store(number, code.address(self._place, index, self._lanes), self._lanes)
+
+    def row(self, at: str) -> Array:
+        """Load one row."""
+        code, count = self._code, int(np.prod(self._shape))
+        first = code.whole("mul", at, count)
+        places = [code.address(self._place, code.whole("add", first, i), self._lanes) for i in range(count)]
+        return _array([code.load(place, self._lanes) for place in places], self._shape)

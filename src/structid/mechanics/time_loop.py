@@ -1,0 +1,140 @@
+"""A loop over a record, said once: run to histories, or folded into a few sums on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+from jax import lax
+
+from structid.device import jnp
+
+State = Any
+"""A tree of arrays with the runs last."""
+
+
+class Fold(NamedTuple):
+    """What becomes of a history, sample by sample, where the history itself is not needed.
+
+    Parameters
+    ----------
+    start : tree of arrays
+        Before the first sample.
+    step : callable
+        ``step(sums, sample) -> sums``.
+    value : callable
+        ``value(sums)``: what is wanted in the end.
+    """
+
+    start: Any
+    step: Callable[[Any, Any], Any]
+    value: Callable[[Any], Any]
+
+    def of(self, series: Any) -> Any:
+        """Fold a history that is there.
+
+        Parameters
+        ----------
+        series : tree of arrays, shape (time, …)
+            Its samples.
+
+        Returns
+        -------
+        Any
+            The value.
+        """
+        sums, _ = lax.scan(lambda sums, sample: (self.step(sums, sample), None), self.start, series)
+        return self.value(sums)
+
+
+class TimeLoop(NamedTuple):
+    """A loop over the rows of a record, for many runs at once, inside JAX.
+
+    Parameters
+    ----------
+    start : tree of arrays
+        State before the first row, runs last.
+    step : callable
+        ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run).
+    rows : tree of arrays, shape (time, …)
+        What every run takes alike.
+    lead_in : int
+        Number of rows at the beginning of which nothing is kept.
+    usable : callable
+        ``usable(state)``: which runs can be used, (run,), from the state after the last row.
+    unroll : int
+        Rows in one pass of the loop of XLA.
+    """
+
+    start: State
+    step: Callable[[State, Any], tuple[State, Any]]
+    rows: Any
+    lead_in: int
+    usable: Callable[[State], Any]
+    unroll: int = 1
+
+    def run(self) -> tuple[Any, Any]:
+        """Run to histories.
+
+        Returns
+        -------
+        tuple of jax.Array
+            What is seen (time, channel, run), and which runs can be used (run,).
+        """
+        state, rows = self._led_in()
+        state, seen = lax.scan(self.step, state, rows, unroll=self.unroll)
+        return seen, self.usable(state)
+
+    def folded(self, fold: Fold, beside: Any, make: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
+        """Run, and fold what is seen on the way; no history is kept.
+
+        Parameters
+        ----------
+        fold : Fold
+            What becomes of the samples.
+        beside : array, shape (time, …)
+            What is put beside what is seen, such as a measurement.
+        make : callable
+            ``make(seen, beside)``: the sample that is folded.
+
+        Returns
+        -------
+        tuple
+            The value of the fold, and which runs can be used (run,).
+        """
+
+        def step(carried: tuple[State, Any], row: tuple[Any, Any]) -> tuple[tuple[State, Any], None]:
+            state, seen = self.step(carried[0], row[0])
+            return (state, fold.step(carried[1], make(seen, row[1]))), None
+
+        state, rows = self._led_in()
+        (state, sums), _ = lax.scan(step, (state, fold.start), (rows, beside), unroll=self.unroll)
+        return fold.value(sums), self.usable(state)
+
+    def _led_in(self) -> tuple[State, Any]:
+        """State after the lead-in, and the rows that are left."""
+        if not self.lead_in:
+            return self.start, self.rows
+        first = jax.tree.map(lambda x: x[: self.lead_in], self.rows)
+        rest = jax.tree.map(lambda x: x[self.lead_in :], self.rows)
+        state, _ = lax.scan(lambda state, row: (self.step(state, row)[0], None), self.start, first)
+        return state, rest
+
+
+def all_finite(state: State) -> Any:
+    """Which runs have a finite state.
+
+    Parameters
+    ----------
+    state : tree of arrays
+        Runs last.
+
+    Returns
+    -------
+    jax.Array of bool, shape (run,)
+        True where every part is.
+    """
+    parts = jax.tree.leaves(state)
+    # A sum is finite only if all its parts are, and takes one test.
+    return jnp.isfinite(sum(part.reshape(-1, part.shape[-1]).sum(axis=0) for part in parts))
