@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -16,19 +14,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 
-from structid.cores import available_cores
+from structid.cores import cache_folder, cores_to_use
 
 
 def _set_up() -> None:
     jax.config.update("jax_enable_x64", True)
-    cores = int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores()))
     # XLA runs one scan on one core, so each core becomes a device of its own and a batch is shared out over them.
     # Where the caller has used JAX already, its devices stay as they are.
     with contextlib.suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", cores)
+        jax.config.update("jax_num_cpu_devices", cores_to_use())
     if jax.config.jax_compilation_cache_dir is None:
-        cache = os.environ.get("XDG_CACHE_HOME", str(Path.home() / ".cache"))
-        jax.config.update("jax_compilation_cache_dir", str(Path(cache) / "structid" / "jax"))
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder("jax")))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
 
 

@@ -178,8 +178,8 @@ def write_then_rename(path: Path, content: bytes) -> None:
     temporary.replace(path)
 
 
-LAYOUTS_OF_0_1 = (1, 2, 3)
-"""Layouts of stores that structid 0.1 wrote. Random streams are others from 0.2 on, so that the one cannot go on from the other."""
+READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
+"""Version that wrote each layout. Random streams are others from 0.2 on, and last digits from 0.3 on."""
 
 
 def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
@@ -199,13 +199,21 @@ def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
     """
     if found == expected or expected is None:
         return
-    reader = "structid 0.1" if found in (None, *LAYOUTS_OF_0_1) else "a later structid"
+    version = READERS.get(1 if found is None else found)
+    reader = "a later structid" if version is None else f"structid {version}"
     raise StoreMismatchError(
         f"store {path}",
         f"it was written by another version of structid (layout {1 if found is None else found})",
         f"a store of layout {expected}",
         f"It can be read with {reader}. Name another store or folder to do the work anew; this one has not been touched.",
     )
+
+
+CURES = {
+    "model": "To keep the runs of an earlier version of the solver: --adopt.",
+    "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
+}
+"""What to do where nothing else differs."""
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
@@ -227,12 +235,12 @@ def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str
     differing = differences(found, expected)
     if differing:
         what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
-        solver = " To keep the runs of an earlier version of the solver: --adopt." if differing == ["model"] else ""
+        cure = "".join(f" {CURES[key]}" for key in differing) if set(differing) <= CURES.keys() else ""
         raise StoreMismatchError(
             f"store {path}",
             f"it belongs to another study: {what}",
             "a store of exactly this study, or a new file",
-            f"Name another store or folder, or move this one away; it has not been changed.{solver}",
+            f"Name another store or folder, or move this one away; it has not been changed.{cure}",
         )
 
 

@@ -26,6 +26,7 @@ from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.journal import Journal, digest
+from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
@@ -33,7 +34,7 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 DISCREPANCY_DRAWS = 32
@@ -225,6 +226,7 @@ class _Loop:
     def _identity(self) -> dict[str, Any]:
         return {
             "schema": SCHEMA,
+            "engine": engine(),
             "posterior": self.posterior.content_hash,
             "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
             "plan": digest(self.plan.describe()),

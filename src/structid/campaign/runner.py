@@ -17,6 +17,7 @@ from structid.campaign.store import MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
+from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model
 from structid.probability.space import Design
 from structid.runs import Runs, record_numbers
@@ -109,6 +110,7 @@ class Campaign:
             "space": self.design.space.content_hash,
             "records": [r.content_hash for r in self.records],
             "channels": list(self.model.channels),
+            **({"engine": engine()} if self.model.batched else {}),
         }
 
     def run(

@@ -42,6 +42,8 @@ CALIBRATION_FOLDER = "calibration"
 """Folder of a calibration in the folder of its study."""
 CALIBRATION_RUNS = "true_runs.h5"
 """File in it with the runs."""
+ADOPTED = {"model", "engine"}
+"""What runs may differ in and still be taken over."""
 SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 
@@ -56,7 +58,7 @@ class RunStore:
     header : Header
         What the runs share; a store with another header is refused.
     adopt : bool
-        Take over the runs of another version of the model, if nothing else differs.
+        Take over the runs of another version of the model, or of another engine, if nothing else differs.
 
     Raises
     ------
@@ -71,7 +73,7 @@ class RunStore:
         self.parts = parts_of(self.path)
         found = self._found()
         other = [] if found is None else differences(found, header.identity)
-        if found is not None and other != (["model"] if adopt else []):
+        if found is not None and not set(other) <= (ADOPTED if adopt else set()):
             compare_identity(self.path, found, header.identity)
         with disk_errors_explained(self.path):
             self.parts.mkdir(parents=True, exist_ok=True)

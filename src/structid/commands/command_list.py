@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from structid.commands import check, compare, demo, new, report, run, runs, sbc, serve
+from structid.commands import check, compare, demo, doctor, new, report, run, runs, sbc, serve
 
 COMMANDS: tuple[Callable[..., None], ...] = (
     demo.demo,
@@ -16,5 +16,6 @@ COMMANDS: tuple[Callable[..., None], ...] = (
     runs.runs,
     serve.serve,
     new.new,
+    doctor.doctor,
 )
 """A function's name, signature and docstring are the command's name, options and help."""

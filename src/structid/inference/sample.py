@@ -14,6 +14,7 @@ from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 from structid.journal import digest
+from structid.mechanics.lanes.machine import engine
 from structid.models.face import Progress
 
 
@@ -60,6 +61,7 @@ def sample(
         raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
     identity = {
         "target": target.content_hash,
+        "engine": engine(),
         "names": list(target.names),
         "sampler": sampler.describe(),
         "seed": seed,

@@ -13,7 +13,7 @@ import numpy as np
 from structid.errors import InputError
 from structid.journal import Journal, compare_identity
 
-SCHEMA = 4
+SCHEMA = 5
 """Version of the layout inside the file, and of the moves that continue from it."""
 
 

@@ -17,8 +17,9 @@ LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
 LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
 """log 2 in two parts, the first with so few digits that its products with whole numbers up to 2048 are exact."""
 
-LARGEST_EXPONENT, SMALLEST_EXPONENT = 711.0, -707.0
-"""Beyond the first the exponential is infinite (a little before, too); below the second, at 1e-307, it is taken as zero."""
+LARGEST_EXPONENT, SMALLEST_EXPONENT = 710.0, -707.0
+"""From the first on the exponential is infinite (a little before, too); at e⁷¹¹ the bits of 2ᵏ⁻¹ would run over their end. Below
+the second, at 1e-307, it is taken as zero."""
 
 TO_WHOLE = 1.5 * 2.0**52
 """Added to a number of moderate size, it rounds it to a whole one, which then stands in the last bits."""

@@ -15,9 +15,11 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from structid.cores import cache_folder
+
+ARITHMETIC = 1
+"""Version of what compiled loops compute, to the last digit."""
 
 LEAST_LLVM = 20
 """The first version of LLVM that reads what `vector_code` writes."""
@@ -53,8 +55,7 @@ def why_not() -> str:
 
         if llvm.llvm_version_info[0] < LEAST_LLVM:
             return f"llvmlite with LLVM {llvm.llvm_version_info[0]}, and LLVM {LEAST_LLVM} or later is needed"
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
+        _machine()
     except (ImportError, OSError, RuntimeError) as cause:
         return f"llvmlite cannot be used ({cause})"
     return ""
@@ -67,6 +68,8 @@ class _Machine:
         import llvmlite
         import llvmlite.binding as llvm
 
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
         self.llvm = llvm
         self.processor: str = llvm.get_host_cpu_name()
         features = llvm.get_host_cpu_features().flatten()
@@ -76,7 +79,10 @@ class _Machine:
             cpu=self.processor, features=features, opt=3, reloc="pic", codemodel="default"
         )
         self.identity = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}, {self.processor}, {features}"
-        self.linker = llvm.create_lljit_compiler()
+        # JITLink keeps code and its constants side by side. The older linker may put them further apart than code can reach, in a
+        # process with little room left between its other libraries.
+        self.linker = llvm.create_lljit_compiler(use_jit_link=True)
+        self.loaded: dict[str, Callable[..., None]] = {}
 
     def object_code(self, text: str) -> bytes:
         """Compile."""
@@ -90,15 +96,31 @@ class _Machine:
         passes.getModulePassManager().run(module, passes)
         return bytes(self.target.emit_object(module))
 
-    def linked(self, code: bytes, function: str, name: str) -> Any:
-        """Load object code; what is returned must be kept as long as the function is used."""
+    def linked(self, code: bytes, function: str, name: str) -> Callable[..., None]:
+        """Load object code."""
         library = self.llvm.JITLibraryBuilder().add_object_img(code).add_current_process().export_symbol(function)
-        return library.link(self.linker, name)
+        linked = library.link(self.linker, name)
+        signature = [ctypes.c_void_p] * _POINTERS + [ctypes.c_int64] * _WHOLE_NUMBERS
+        found = ctypes.CFUNCTYPE(None, *signature)(linked[function])
+        # The code is there for as long as its library is.
+        found.library = linked  # type: ignore[attr-defined]
+        return found
 
 
 @functools.cache
 def _machine() -> _Machine:
     return _Machine()
+
+
+def engine() -> str:
+    """Name what runs loops over time here, for stores: another engine gives the same numbers but for the last digits.
+
+    Returns
+    -------
+    str
+        ``lanes 1``, with the version of their arithmetic, or ``jax``.
+    """
+    return "jax" if why_not() else f"lanes {ARITHMETIC}"
 
 
 def lanes() -> int:
@@ -123,9 +145,6 @@ def processor() -> str:
     return _machine().processor
 
 
-_loaded: dict[str, tuple[Any, Callable[..., None]]] = {}
-
-
 def load(text: str, function: str) -> Callable[..., None]:
     """Compile a function, or take it from memory or disk where it has been compiled before.
 
@@ -144,13 +163,9 @@ def load(text: str, function: str) -> Callable[..., None]:
     with _lock:
         machine = _machine()
         name = hashlib.sha256(f"{machine.identity}\n{text}".encode()).hexdigest()[:32]
-        if name not in _loaded:
-            library = _from_disk(machine, function, name) or machine.linked(
-                _kept(name, machine.object_code(text)), function, name
-            )
-            signature = [ctypes.c_void_p] * _POINTERS + [ctypes.c_int64] * _WHOLE_NUMBERS
-            _loaded[name] = library, ctypes.CFUNCTYPE(None, *signature)(library[function])
-        return _loaded[name][1]
+        if name not in machine.loaded:
+            machine.loaded[name] = machine.linked(_code(machine, text, name), function, name)
+        return machine.loaded[name]
 
 
 # --- on disk --------------------------------------------------------------------------------------------------------
@@ -160,16 +175,19 @@ def _file(name: str) -> Path:
     return cache_folder("lanes") / f"{name}.o"
 
 
-def _from_disk(machine: _Machine, function: str, name: str) -> Any:
+def _code(machine: _Machine, text: str, name: str) -> bytes:
+    """Object code, from disk where it has been compiled before."""
+    return _from_disk(name) or _kept(name, machine.object_code(text))
+
+
+def _from_disk(name: str) -> bytes | None:
     """What was compiled before; None where there is nothing, or something broken, which is then made again."""
     try:
         stored = _file(name).read_bytes()
     except OSError:
         return None
     check, code = stored[:32], stored[32:]
-    if hashlib.sha256(code).digest() != check:
-        return None
-    return machine.linked(code, function, name)
+    return code if hashlib.sha256(code).digest() == check else None
 
 
 def _kept(name: str, code: bytes) -> bytes:

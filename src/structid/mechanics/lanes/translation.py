@@ -120,7 +120,7 @@ class Translator:
         # Backwards, so that nothing is written that only leads to what is given.
         wanted, steps = {v for v in body.outvars if not isinstance(v, Literal)}, []
         for equation in reversed(body.eqns):
-            if wanted.intersection(equation.outvars) and not known.keys() >= set(equation.outvars):
+            if not known.keys() >= wanted.intersection(equation.outvars):
                 steps.append(equation)
                 wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
         for equation in reversed(steps):

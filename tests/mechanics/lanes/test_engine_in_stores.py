@@ -1,0 +1,56 @@
+"""What one engine began, another does not go on with unseen: last digits differ, and a store says which wrote it."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import StoreMismatchError
+from structid.mechanics.lanes import machine
+
+SETTINGS = dict(walkers=16, ensembles=2, discard=0.0)
+WITHOUT_LANES = pytest.mark.skipif(bool(machine.why_not()), reason="no lanes here")
+
+pytestmark = WITHOUT_LANES
+
+
+@pytest.fixture
+def use(monkeypatch):
+    """Choose an engine, as a user does in the shell before a new process starts."""
+
+    def chosen(engine):
+        monkeypatch.setenv("STRUCTID_ENGINE", engine)
+        machine.why_not.cache_clear()
+
+    yield chosen
+    machine.why_not.cache_clear()
+
+
+def test_chains_go_on_with_the_engine_that_began_them(tmp_path, short_posterior, use):
+    def steps(count):
+        return si.sample(
+            short_posterior, si.AIES(**SETTINGS, steps=count), seed=4, store=tmp_path / "chains.h5"
+        ).history
+
+    use("jax")
+    first = steps(10)
+    use("")
+    with pytest.raises(StoreMismatchError, match=r"engine is 'jax' there and 'lanes \d+' here.*STRUCTID_ENGINE=jax"):
+        steps(20)
+    use("jax")
+    np.testing.assert_array_equal(steps(20)[:10], first)
+
+
+def test_true_runs_of_another_engine_are_kept_when_asked(tmp_path, short_posterior, short_record, use):
+    path, design = tmp_path / "runs.h5", short_posterior.space.sample(5, seed=1)
+
+    def runs(**options):
+        return si.Campaign(short_posterior.model, short_record, design, path).run(**options).values
+
+    use("jax")
+    first = runs()
+    use("")
+    with pytest.raises(StoreMismatchError, match=r"engine is.*--adopt"):
+        runs()
+    np.testing.assert_array_equal(runs(adopt=True), first)
+    path.unlink()
+    np.testing.assert_allclose(runs(), first, rtol=1e-12)
