@@ -40,8 +40,8 @@ def test_chains_go_on_with_the_engine_that_began_them(tmp_path, short_posterior,
     np.testing.assert_array_equal(steps(20)[:10], first)
 
 
-def test_true_runs_of_another_engine_are_kept_when_asked(tmp_path, short_posterior, short_record, use):
-    path, design = tmp_path / "runs.h5", short_posterior.space.sample(5, seed=1)
+def test_true_runs_of_another_engine_are_kept_when_asked(tmp_path, study_space, short_posterior, short_record, use):
+    path, design = tmp_path / "runs.h5", study_space.sample(5, seed=1)
 
     def runs(**options):
         return si.Campaign(short_posterior.model, short_record, design, path).run(**options).values
