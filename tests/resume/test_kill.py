@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.inference.sample import chain_identity
 from structid.inference.sampling.chain_store import ChainStore
 from studies import PLAIN, shortened
 
@@ -66,20 +67,10 @@ def test_killed_between_rename_and_removal_of_the_journal(tmp_path, short_poster
     store = tmp_path / "c.h5"
     expected = si.sample(short_posterior, settings, seed=1).history
     si.sample(short_posterior, si.AIES(walkers=10, steps=50, ensembles=2), seed=1, store=store)
-    copy = ChainStore(store, _identity(short_posterior, settings))
+    copy = ChainStore(store, chain_identity(short_posterior, settings, seed=1))
     copy.append(0, copy.blocks()[0])
     np.testing.assert_array_equal(si.sample(short_posterior, settings, seed=1, store=store).history, expected)
     assert not list(tmp_path.glob("*.journal"))
-
-
-def _identity(target, settings):
-    return {
-        "target": target.content_hash,
-        "names": list(target.names),
-        "sampler": settings.describe(),
-        "seed": 1,
-        "start": None,
-    }
 
 
 @pytest.mark.slow

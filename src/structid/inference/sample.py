@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from typing import Any
 
 import numpy as np
 
@@ -59,15 +60,7 @@ def sample(
     sampler = AIES() if sampler is None else sampler
     if seed < 0:
         raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
-    identity = {
-        "target": target.content_hash,
-        "engine": engine(),
-        "names": list(target.names),
-        "sampler": sampler.describe(),
-        "seed": seed,
-        "start": None if start is None else digest(np.asarray(start, dtype=np.float64)),
-    }
-    chains = None if store is None else ChainStore(store, identity)
+    chains = None if store is None else ChainStore(store, chain_identity(target, sampler, seed, start))
     blocks = [] if chains is None else chains.blocks()
     seconds = {index: float(block["seconds"].sum()) for index, block in enumerate(blocks)}
     clock = time.perf_counter()
@@ -98,3 +91,26 @@ def sample(
         cost=drawn.cost,
         divergent=drawn.divergent,
     )
+
+
+def chain_identity(target: Target, sampler: Sampler, seed: int, start: np.ndarray | None = None) -> dict[str, Any]:
+    """Say what chains depend on: a store of others is refused.
+
+    Parameters
+    ----------
+    target, sampler, seed, start
+        As in `sample`.
+
+    Returns
+    -------
+    dict
+        What a store of the chains carries.
+    """
+    return {
+        "target": target.content_hash,
+        "engine": engine(),
+        "names": list(target.names),
+        "sampler": sampler.describe(),
+        "seed": seed,
+        "start": None if start is None else digest(np.asarray(start, dtype=np.float64)),
+    }
