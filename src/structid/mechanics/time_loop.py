@@ -122,6 +122,46 @@ class TimeLoop(NamedTuple):
         return state, rest
 
 
+def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> TimeLoop:
+    """Differentiate a loop over time by its parameters, beside running it.
+
+    With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
+
+    Parameters
+    ----------
+    loop_of : callable
+        The loop of some parameters.
+    parameters : array, shape (parameter, run)
+        Where it is differentiated.
+
+    Returns
+    -------
+    TimeLoop
+        What is seen is a pair: what the loop sees, (channel, run), and its derivatives, (parameter, channel, run).
+    """
+    directions = jnp.eye(parameters.shape[0])
+
+    def along_all(function: Callable[..., Any], *more: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Value of a function of the parameters and more, and its derivatives along each of them; `more` has those of its own."""
+        points, slopes = [x for x, _ in more], [x for _, x in more]
+
+        def along(direction: Any, slope: Any) -> tuple[Any, Any]:
+            tangent = jnp.broadcast_to(direction[:, None], parameters.shape)
+            value: tuple[Any, Any] = jax.jvp(function, (parameters, *points), (tangent, *slope))
+            return value
+
+        found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(directions, slopes)
+        return found
+
+    def step(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], tuple[Any, Any]]:
+        after, slopes = along_all(lambda p, state: loop_of(p).step(state, row), carried)
+        return (after[0], slopes[0]), (after[1], slopes[1])
+
+    start = along_all(lambda p: loop_of(p).start)
+    loop = loop_of(parameters)
+    return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
+
+
 def all_finite(state: State) -> Any:
     """Which runs have a finite state.
 

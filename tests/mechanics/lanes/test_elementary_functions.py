@@ -7,6 +7,8 @@ import pytest
 
 from structid.mechanics.lanes.in_lanes import InLanes
 
+pytestmark = pytest.mark.quick
+
 RNG = np.random.default_rng(0)
 ROUNDING = 4e-16
 """Relative error that is allowed: less than two units in the last place."""

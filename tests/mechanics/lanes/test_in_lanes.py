@@ -16,6 +16,8 @@ from structid.device import over_runs
 from structid.mechanics.lanes import machine
 from structid.mechanics.lanes.in_lanes import InLanes
 
+pytestmark = pytest.mark.quick
+
 RNG = np.random.default_rng(3)
 ROWS = RNG.normal(size=(300, 2))
 

@@ -62,8 +62,8 @@ def signals():
 def test_the_free_run_is_the_plain_loop(recursion, coefficients, signals):
     from structid.device import jnp
 
-    x = jnp.asarray(signals[0])[:, None]
-    found = np.asarray(recursion.free_run(jnp.asarray(coefficients.T), x, 1e3))[:, 0].T
+    x = jnp.asarray(np.append(signals[0], 0.0))[:, None]
+    found = np.asarray(recursion.free_loop(jnp.asarray(coefficients.T), x, 1e3).run()[0])[:, 0].T
     for k in range(5):
         np.testing.assert_allclose(found[k], by_hand(coefficients[k], signals[0]), rtol=1e-9, atol=1e-12)
 
@@ -105,12 +105,7 @@ def test_training_on_the_free_run_returns_to_what_made_the_data(recursion, coeff
     run = FreeRun(recursion, 50.0)
     features = np.ones((5, 1))
     shared = coefficients.mean(axis=0)
-    from structid.device import jnp
-
-    y = np.asarray(
-        recursion.free_run(jnp.asarray(np.tile(shared, (5, 1)).T), jnp.asarray(data.x).transpose(1, 2, 0), 50.0)
-    )
-    own = TrainingSet(data.x, y.transpose(2, 0, 1), data.counted, data.weights)
+    own = TrainingSet(data.x, run.outputs(np.tile(shared, (5, 1)), data), data.counted, data.weights)
     start = (shared * (1 + 0.03 * np.random.default_rng(3).normal(size=8)))[:, None]
     trained = train_free_run(run, start, features, own, None, 30, 1e-3)
     losses = [h["loss"] for h in trained.history]

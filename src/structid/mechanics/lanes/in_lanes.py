@@ -11,16 +11,20 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.device import over_runs, padded_size
+from structid.device import jnp, over_runs, padded_size
 from structid.mechanics.lanes.blocks import on_all_cores
 from structid.mechanics.lanes.kernel import ENTRY, Kernel, kernel
 from structid.mechanics.lanes.machine import lanes, load, why_not
 from structid.mechanics.lanes.primitives import UntranslatableError
+from structid.mechanics.lanes.signals import Signals
 from structid.mechanics.lanes.splitting import by_jax, foreign_results, inlined
 from structid.mechanics.lanes.translation import History
 
 KEPT = 8
 """Sets of constants for which a function stays compiled."""
+
+OF_ANOTHER_JAX = (KeyError, AttributeError)
+"""What goes wrong where a later JAX lists operations in another way: the loop is left to it."""
 
 _log = logging.getLogger(__name__)
 
@@ -34,7 +38,8 @@ class InLanes:
     Parameters
     ----------
     function : callable
-        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays; the constants are the same for all runs.
+        ``function(theta, *constants)``, or ``function(theta, signals, *constants)`` where runs have signals of their own: maps
+        ``theta[run, ...]`` and ``signals[time, signal, run]`` to a tree of arrays; the constants are the same for all runs.
     run_axes : int or tree of int
         Where the run axis is in what `function` returns.
     shard : bool
@@ -44,10 +49,12 @@ class InLanes:
     def __init__(self, function: Callable[..., Any], run_axes: Any = 0, shard: bool = True) -> None:
         self._function, self._run_axes = function, run_axes
         self._by_jax = over_runs(function, run_axes, shard)
-        self._bound: dict[tuple[int, ...], tuple[Any, Any]] = {}
+        self._shard = shard
+        self._bound: dict[Any, tuple[Any, Any]] = {}
+        self._by_jax_with_signals: dict[Any, Any] = {}
         self.why_not = why_not()
 
-    def __call__(self, theta: np.ndarray, *constants: Any) -> Any:
+    def __call__(self, theta: np.ndarray, *constants: Any, signals: Signals | None = None) -> Any:
         """Call the function.
 
         Parameters
@@ -56,6 +63,8 @@ class InLanes:
             One row for each run.
         *constants : tree of arrays
             The same for all.
+        signals : Signals, optional
+            What each run goes through alone.
 
         Returns
         -------
@@ -63,10 +72,29 @@ class InLanes:
             What the function returns.
         """
         theta = np.asarray(theta, dtype=np.float64)
-        lanes = self.compiled(theta.shape[1], constants)
-        return self._by_jax(theta, *constants) if lanes is None else lanes(theta)
+        lanes = self.compiled(theta.shape[1], constants, None if signals is None else signals.shape)
+        if lanes is not None:
+            return lanes(theta, signals)
+        if signals is None:
+            return self._by_jax(theta, *constants)
+        rows = np.hstack([theta, signals.values.reshape(len(theta), -1)])
+        return self._jax_of_rows(theta.shape[1], signals.shape)(rows, *constants)
 
-    def compiled(self, parameters: int, constants: tuple[Any, ...]) -> Callable[[np.ndarray], Any] | None:
+    def _jax_of_rows(self, parameters: int, shape: tuple[int, int]) -> Callable[..., Any]:
+        """The function by JAX, of rows with the parameters and then the signals of a run."""
+        if (parameters, shape) not in self._by_jax_with_signals:
+
+            def function(rows: Any, *constants: Any) -> Any:
+                signals = jnp.moveaxis(rows[:, parameters:].reshape(-1, *shape), 0, 2)
+                return self._function(rows[:, :parameters], signals, *constants)
+
+            self._by_jax_with_signals[parameters, shape] = over_runs(function, self._run_axes, self._shard)
+        found: Callable[..., Any] = self._by_jax_with_signals[parameters, shape]
+        return found
+
+    def compiled(
+        self, parameters: int, constants: tuple[Any, ...], signals: tuple[int, int] | None = None
+    ) -> _Bound | None:
         """Compile the function, or take it from where it was compiled before.
 
         Parameters
@@ -75,6 +103,8 @@ class InLanes:
             Length of a row.
         constants : tuple of tree of arrays
             The same for all runs.
+        signals : tuple of int, optional
+            Numbers of samples and of signals, where runs have signals of their own.
 
         Returns
         -------
@@ -84,20 +114,21 @@ class InLanes:
         if self.why_not:
             return None
         try:
-            return self._kept(parameters, constants)
-        except UntranslatableError as cause:
-            self.why_not = str(cause)
+            return self._kept(parameters, constants, signals)
+        except (UntranslatableError, *OF_ANOTHER_JAX) as cause:
+            known = isinstance(cause, UntranslatableError)
+            self.why_not = str(cause) if known else f"JAX {jax.__version__} lists operations in another way ({cause!r})"
             _log.info("JAX runs %s, since lanes cannot: %s", self._function, cause)
             return None
 
-    def _kept(self, parameters: int, constants: Any) -> _Bound:
+    def _kept(self, parameters: int, constants: Any, signals: tuple[int, int] | None) -> _Bound:
         leaves = jax.tree.leaves(constants)
-        key = (parameters, *map(id, leaves))
+        key = (parameters, signals, *map(id, leaves))
         if key not in self._bound:
             if len(self._bound) >= KEPT:
                 self._bound.pop(next(iter(self._bound)))
             # The leaves are kept, so that no other array gets their identity.
-            self._bound[key] = leaves, _Bound(self._function, self._run_axes, parameters, constants)
+            self._bound[key] = leaves, _Bound(self._function, self._run_axes, parameters, constants, signals)
         found: _Bound = self._bound[key][1]
         return found
 
@@ -105,9 +136,12 @@ class InLanes:
 class _Bound:
     """A function with its constants, compiled."""
 
-    def __init__(self, function: Callable[..., Any], run_axes: Any, parameters: int, constants: Any) -> None:
-        one_run = jax.ShapeDtypeStruct((1, parameters), np.float64)
-        traced, shapes = jax.make_jaxpr(lambda theta: function(theta, *constants), return_shape=True)(one_run)
+    def __init__(
+        self, function: Callable[..., Any], run_axes: Any, parameters: int, constants: Any, signals: Any
+    ) -> None:
+        shapes_of_one = [(1, parameters)] if signals is None else [(1, parameters), (*signals, 1)]
+        one_run = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes_of_one]
+        traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *constants), return_shape=True)(*one_run)
         leaves, self._tree = jax.tree.flatten(shapes)
         axes = jax.tree.map(lambda _: run_axes, shapes) if isinstance(run_axes, int) else run_axes
         flat = inlined(traced)
@@ -117,7 +151,7 @@ class _Bound:
         self._compiled = load(self.kernel.text, ENTRY)
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 
-    def __call__(self, theta: np.ndarray) -> Any:
+    def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
         kernel, (count, columns) = self.kernel, theta.shape
         blocks = -(-count // kernel.width)
         stride = blocks * kernel.width
@@ -128,7 +162,8 @@ class _Bound:
             arguments[columns:] = self._foreign(np.concatenate([theta, more]))[:, :stride]
         results, histories = np.empty((kernel.rows, stride)), np.empty((kernel.histories, stride))
         next_block = np.zeros(1, dtype=np.int64)
-        buffers = [a.ctypes.data for a in (arguments, kernel.shared, results, histories, next_block)]
+        given = np.empty(0) if signals is None else signals.in_blocks(kernel.width)
+        buffers = [a.ctypes.data for a in (arguments, kernel.shared, given, results, histories, next_block)]
         on_all_cores(lambda: self._compiled(*buffers, stride, blocks), blocks)
         parts = results, histories
         return jax.tree.unflatten(self._tree, [output.taken_from(parts, count) for output in self._outputs])

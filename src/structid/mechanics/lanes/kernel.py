@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,17 +10,18 @@ from typing import Any
 import numpy as np
 from jax.extend.core import ClosedJaxpr
 
-from structid.mechanics.lanes.translation import History, Translator
+from structid.mechanics.lanes.translation import History, Translator, Value
 from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
 
 ENTRY = "run_blocks"
 """Name of the compiled function."""
 
 SIGNATURE = (
-    "ptr noalias %arguments, ptr noalias %shared, ptr noalias %results, ptr noalias %histories, ptr %next_block, "
-    "i64 %stride, i64 %blocks"
+    "ptr noalias %arguments, ptr noalias %shared, ptr noalias %signals, ptr noalias %results, ptr noalias %histories, "
+    "ptr %next_block, i64 %stride, i64 %blocks"
 )
-"""Its arguments. All arrays but `shared` have the runs last, `stride` of them. Threads take blocks from one counter."""
+"""Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
+the lanes last. Threads take blocks from one counter."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
     Parameters
     ----------
     function : ClosedJaxpr
-        Of arrays of numbers of one run.
+        Of the numbers of one run and, where runs have them, of its signals (time, signal, 1).
     width : int
         Runs in a block.
     foreign : sequence of Var
@@ -72,7 +74,8 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
         If something in it has no vector code.
     """
     code = VectorCode(width)
-    translator = Translator(code)
+    theta, *signals = function.in_avals
+    translator = Translator(code, sum(math.prod(aval.shape) for aval in signals))
     outputs: list[History | tuple[int, ...]] = []
     taken, written = 0, 0
 
@@ -80,9 +83,9 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
         return code.address(base, code.whole("add", code.whole("mul", "%stride", number), translator.column))
 
     with code.shared_loop("%next_block", "%blocks") as block:
-        translator.column = code.whole("mul", block, width)
+        translator.block, translator.column = block, code.whole("mul", block, width)
         arguments = []
-        for aval in (*function.in_avals, *(v.aval for v in foreign)):
+        for aval in (theta, *(v.aval for v in foreign)):
             numbers = np.empty(aval.shape, dtype=object)
             for place in np.ndindex(aval.shape):
                 number: Number = code.load(row("%arguments", taken), lanes=True)
@@ -90,9 +93,9 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
                     number = code.operation("fcmp une", [number, 0.0], result="i1")
                 numbers[place], taken = number, taken + 1
             arguments.append(numbers)
-        given = dict(zip(foreign, arguments[len(function.in_avals) :], strict=True))
-        for value in translator.function(function, arguments[: len(function.in_avals)], given):
-            if isinstance(value, History):
+        own: list[Value] = [arguments[0], *(History(0, aval.shape, given=True) for aval in signals)]
+        for value in translator.function(function, own, dict(zip(foreign, arguments[1:], strict=True))):
+            if isinstance(value, History) and not value.given:
                 outputs.append(value)
                 continue
             numbers = translator.numbers(value)

@@ -24,7 +24,7 @@ ARITHMETIC = 1
 LEAST_LLVM = 20
 """The first version of LLVM that reads what `vector_code` writes."""
 
-_POINTERS, _WHOLE_NUMBERS = 5, 2
+_POINTERS, _WHOLE_NUMBERS = 6, 2
 """Arguments of a kernel; see `kernel.SIGNATURE`."""
 
 _lock = threading.Lock()
@@ -153,7 +153,7 @@ def load(text: str, function: str) -> Callable[..., None]:
     text : str
         For LLVM.
     function : str
-        The function in it: five pointers and two whole numbers.
+        The function in it, of the arguments of a kernel.
 
     Returns
     -------

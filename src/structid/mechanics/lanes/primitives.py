@@ -30,6 +30,18 @@ def _plain(words: str) -> Callable[..., Number]:
     return lambda code, _, *numbers: code.operation(f"{words} {FLAGS}", numbers)
 
 
+def _sum(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
+    for this, other in ((a, b), (b, a)):
+        if not isinstance(this, Register) and this == 0.0:
+            return other
+    return code.operation(f"fadd {FLAGS}", [a, b])
+
+
+def _product_of_two(code: VectorCode, _: Parameters, a: Number, b: Number) -> Number:
+    # Zero times what is not finite is zero here: a run that diverges is known by its state.
+    return _times(code, a, b)
+
+
 def _intrinsic(function: str) -> Callable[..., Number]:
     return lambda code, _, *numbers: code.call(function, numbers)
 
@@ -123,10 +135,10 @@ def _bounded(code: VectorCode, parameters: Parameters, low: Number, x: Number, h
 
 
 ARITHMETIC: dict[str, Callable[..., Number]] = {
-    "add": _plain("fadd"),
-    "add_any": _plain("fadd"),
+    "add": _sum,
+    "add_any": _sum,
     "sub": _plain("fsub"),
-    "mul": _plain("fmul"),
+    "mul": _product_of_two,
     "div": _plain("fdiv"),
     "neg": _negative,
     "abs": _intrinsic("fabs"),

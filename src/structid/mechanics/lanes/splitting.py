@@ -11,7 +11,7 @@ from jax.extend.core import ClosedJaxpr, Literal
 
 from structid.device import jnp
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, UntranslatableError
-from structid.mechanics.lanes.translation import CALLS
+from structid.mechanics.lanes.translation import CALLS, MOVES
 
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
@@ -67,21 +67,26 @@ def foreign_results(function: ClosedJaxpr) -> list[Any]:
         If such an operation comes after a loop over time, or nothing in the function is one.
     """
     of_run, after_loop, foreign = set(function.jaxpr.invars), set(), set()
-    loops = 0
+    signals, loops = set(function.jaxpr.invars[1:]), 0
     for equation in function.jaxpr.eqns:
         taken = [atom for atom in equation.invars if not isinstance(atom, Literal)]
         if not of_run.intersection(taken):
             continue
         of_run.update(equation.outvars)
+        if signals.intersection(taken) and equation.primitive.name in MOVES:
+            signals.update(equation.outvars)
+            continue
         if equation.primitive.name == "scan":
             loops += 1
             after_loop.update(equation.outvars)
             continue
         if after_loop.intersection(taken):
             after_loop.update(equation.outvars)
-            if _is_foreign(equation) and not _moves_history(equation):
+            if _is_foreign(equation) and equation.primitive.name not in MOVES:
                 raise UntranslatableError(f"'{equation.primitive.name}' after the loop over time")
         elif _is_foreign(equation):
+            if signals.intersection(taken):
+                raise UntranslatableError(f"'{equation.primitive.name}' of signals")
             foreign.update(equation.outvars)
     if not loops:
         raise UntranslatableError("no loop over time")
@@ -92,11 +97,6 @@ def _is_foreign(equation: Any) -> bool:
     name = equation.primitive.name
     sizes = [int(np.prod(v.aval.shape)) for v in (*equation.invars, *equation.outvars)]
     return (name not in ARITHMETIC and name not in ARRANGEMENT and name not in REDUCTION) or max(sizes) > LARGEST
-
-
-def _moves_history(equation: Any) -> bool:
-    """Whether it takes later samples of a history, which costs nothing."""
-    return bool(equation.primitive.name == "slice")
 
 
 def _needed(function: ClosedJaxpr, foreign: set[Any]) -> list[Any]:
@@ -132,7 +132,7 @@ def by_jax(function: ClosedJaxpr, results: Sequence[Any]) -> Callable[[np.ndarra
 
     def of_one_run(theta: Any) -> Any:
         body = function.jaxpr
-        known = dict(zip([*body.constvars, *body.invars], [*function.consts, theta[None]], strict=True))
+        known = dict(zip([*body.constvars, body.invars[0]], [*function.consts, theta[None]], strict=True))
         for equation in steps:
             taken = [atom.val if isinstance(atom, Literal) else known[atom] for atom in equation.invars]
             made = equation.primitive.bind(*taken, **equation.params)

@@ -25,6 +25,13 @@ LARGEST_ARRAY = 4096
 """Largest array whose numbers are operated on one by one."""
 
 
+LARGEST_ROW = 256
+"""Largest part of a history whose numbers are operated on one by one."""
+
+MOVES = {"slice", "squeeze", "reshape"}
+"""Operations on a whole history that only say where its numbers are."""
+
+
 @dataclass(frozen=True)
 class Shared:
     """An array that all runs share. Its numbers are not in the text: other numbers need no other code.
@@ -40,7 +47,7 @@ class Shared:
 
 @dataclass(frozen=True)
 class History:
-    """What a loop over time kept: rows of the buffer of histories, each with a number for every run.
+    """What a loop over time kept, or signals that it goes through: rows of a buffer, each with a number for every run.
 
     Parameters
     ----------
@@ -48,10 +55,13 @@ class History:
         Number of its first row.
     shape : tuple of int
         (time, …).
+    given : bool
+        Whether it is among the signals that the runs are given, and not among the histories that they make.
     """
 
     first: int
     shape: tuple[int, ...]
+    given: bool = False
 
 
 Value = np.ndarray | Shared | History
@@ -65,20 +75,24 @@ class Translator:
     ----------
     code : VectorCode
         Where they are written.
+    signals : int
+        Rows of the buffer of signals.
 
     Attributes
     ----------
     rows : int
         Rows of the buffer of histories taken so far.
+    block, column : str
+        Names of the number of the block that is under way, and of that of its first run.
     """
 
-    def __init__(self, code: VectorCode) -> None:
-        self.code, self.rows = code, 0
+    def __init__(self, code: VectorCode, signals: int = 0) -> None:
+        self.code, self.rows, self._signals = code, 0, signals
         self._tables: list[np.ndarray] = []
         self._offsets: dict[bytes, int] = {}
         self._loaded: dict[int, Register] = {}
         self._depth = 0
-        self.column = "0"
+        self.block = self.column = "0"
 
     @property
     def shared(self) -> np.ndarray:
@@ -137,8 +151,8 @@ class Translator:
             return _computed_now(primitive, parameters, taken)
         if name == "scan":
             return self._loop(parameters, taken)
-        if any(isinstance(x, History) for x in taken):
-            return [_part_of_history(name, parameters, taken)]
+        if isinstance(taken[0], History) and name in MOVES:
+            return [_part_of_history(name, parameters, taken[0])]
         arrays = [self.numbers(x) for x in taken]
         if name in ARITHMETIC:
             return [_elementwise(ARITHMETIC[name], self.code, parameters, arrays)]
@@ -173,7 +187,9 @@ class Translator:
             Those that all runs share are loaded once.
         """
         if isinstance(value, History):
-            raise UntranslatableError("arithmetic on a whole history")
+            if _size(value) > LARGEST_ROW:
+                raise UntranslatableError("arithmetic on a whole history")
+            return self._row_of_history(History(value.first, (1, *value.shape), value.given), "0").reshape(value.shape)
         if isinstance(value, np.ndarray):
             return value
         if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
@@ -197,7 +213,8 @@ class Translator:
         """A loop over time, or one inside its step, such as that over the substeps of a sample."""
         if parameters["reverse"]:
             raise UntranslatableError("a loop that runs backwards")
-        constants, carried, length = (parameters[name] for name in ("num_consts", "num_carry", "length"))
+        constants, carried = _constants_and_carried(parameters)
+        length = parameters["length"]
         fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
         fixed = [x if _is_known(x) and _size(x) > LARGEST_ARRAY else self.numbers(x) for x in fixed]
         state = [_Slots(self.code, self.numbers(x)) for x in start]
@@ -246,10 +263,13 @@ class Translator:
         """Addresses of the numbers of one sample."""
         code, count = self.code, int(np.prod(history.shape[1:]))
         row = code.whole("add", code.whole("mul", at, count), history.first)
-        first = code.whole("add", code.whole("mul", row, "%stride"), self.column)
-        return [
-            code.address("%histories", code.whole("add", first, code.whole("mul", "%stride", i))) for i in range(count)
-        ]
+        if history.given:
+            before = code.whole("mul", self.block, self._signals)
+            first, each = code.whole("mul", code.whole("add", before, row), code.width), str(code.width)
+        else:
+            first, each = code.whole("add", code.whole("mul", row, "%stride"), self.column), "%stride"
+        base = "%signals" if history.given else "%histories"
+        return [code.address(base, code.whole("add", first, code.whole("mul", each, i))) for i in range(count)]
 
     def _keep(self, history: History, at: str, numbers: Array) -> None:
         for number, place in zip(numbers.reshape(-1), self._places(history, at), strict=True):
@@ -257,6 +277,14 @@ class Translator:
 
     def _row_of_history(self, history: History, at: str) -> Array:
         return _array([self.code.load(p, lanes=True) for p in self._places(history, at)], history.shape[1:])
+
+
+def _constants_and_carried(parameters: dict[str, Any]) -> tuple[int, int]:
+    """How many of the arrays that a loop takes stay as they are, and how many change from pass to pass."""
+    if "num_consts" in parameters:
+        return parameters["num_consts"], parameters["num_carry"]
+    constants, carried, _ = parameters["ft_in"].unpack()  # from JAX 0.11 on
+    return len(constants), len(carried)
 
 
 def _is_known(value: Value) -> bool:
@@ -285,15 +313,17 @@ def _values(primitive: Any, parameters: dict[str, Any], taken: Sequence[np.ndarr
     return [np.asarray(x) for x in (found if primitive.multiple_results else [found])]
 
 
-def _part_of_history(name: str, parameters: dict[str, Any], taken: Sequence[Any]) -> History:
-    """Later samples of a history, such as those after the lead-in."""
-    history, whole = taken[0], slice(None)
-    if name == "slice" and not any((parameters["strides"] or (1,))[0] != 1 for _ in whole.indices(1)):
-        starts, ends = parameters["start_indices"], parameters["limit_indices"]
-        if all(s == 0 for s in starts[1:]) and tuple(ends[1:]) == history.shape[1:]:
-            each = int(np.prod(history.shape[1:]))
-            return History(history.first + starts[0] * each, (ends[0] - starts[0], *history.shape[1:]))
-    raise UntranslatableError(f"the operation '{name}' on a whole history")
+def _part_of_history(name: str, parameters: dict[str, Any], history: History) -> History:
+    """Some samples of a history, such as those after the lead-in, or the same numbers in another shape."""
+    if name != "slice":
+        shape = parameters["new_sizes"] if name == "reshape" else None
+        ones = parameters.get("dimensions", ())
+        return History(history.first, shape or tuple(np.delete(history.shape, ones)), history.given)
+    starts, ends = parameters["start_indices"], parameters["limit_indices"]
+    if any(starts[1:]) or tuple(ends[1:]) != history.shape[1:] or (parameters["strides"] or (1,))[0] != 1:
+        raise UntranslatableError("some columns of a whole history")
+    first = history.first + starts[0] * int(np.prod(history.shape[1:]))
+    return History(first, (ends[0] - starts[0], *history.shape[1:]), history.given)
 
 
 def _elementwise(

@@ -5,18 +5,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from typing import Any
 
-import jax
 import numpy as np
 
-from structid.device import jnp, over_runs
+from structid.device import jnp
+from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.time_loop import Fold, TimeLoop, with_sensitivities
 from structid.surrogates.narx.recursion import UNROLLED, Recursion
 from structid.surrogates.narx.training_set import TrainingSet
-
-CHUNK = 64
-"""Number of runs whose sensitivities are in memory at once. It is always the same, so that they are compiled once."""
 
 LARGEST_ERROR = 1e6
 """Largest error of a free run; a larger one, or a run that is not finite, counts as this."""
@@ -37,85 +35,61 @@ class FreeRun:
 
     def __init__(self, recursion: Recursion, bound: float, horizon: int | None = None) -> None:
         self.recursion, self.bound, self.horizon = recursion, bound, horizon
+        self._compiled_outputs = InLanes(self._outputs, 2)
+        self._compiled_errors = InLanes(self._errors, 1)
+        self._compiled_normal = InLanes(self._normal, 2)
+        self._compiled_regression = InLanes(self._regression, 1)
 
-    def _split(self, rows: Any, samples: int) -> tuple[Any, Any, Any, Any]:
-        """Split rows into coefficients (coefficient, run), x (time, input, run), y (time, output, run), counted (time, run)."""
-        size, inputs, outputs = self.recursion.size, len(self.recursion.inputs), len(self.recursion.outputs)
-        coefficients, rest = rows[:, :size].T, rows[:, size:]
-        x, y, counted = jnp.split(rest, [samples * inputs, samples * (inputs + outputs)], axis=1)
-
-        def runs_last(flat: Any, signals: int) -> Any:
-            return jnp.moveaxis(flat.reshape(flat.shape[0], samples, signals), 0, 2)
-
-        return coefficients, runs_last(x, inputs), runs_last(y, outputs), counted.T
-
-    def _compiled(self, kind: str, samples: int) -> Callable[[np.ndarray], Any]:
-        """Compiled function of rows, kept for each length of the record."""
-        cache: dict[tuple[str, int], Callable[[np.ndarray], Any]] = self.__dict__.setdefault("_cache", {})
-        if (kind, samples) not in cache:
-            body = {
-                "errors": self._errors, "normal": self._normal, "regression": self._regression, "outputs": self._outputs,
-            }[kind]  # fmt: skip
-            cache[kind, samples] = over_runs(lambda rows: body(*self._split(rows, samples)))
-        return cache[kind, samples]
-
-    def _run(self, coefficients: Any, x: Any, y: Any, unrolled: int = UNROLLED) -> Any:
-        """Scaled outputs (time, output, run)."""
+    def _loop(self, coefficients: Any, signals: Any, unroll: int = UNROLLED) -> TimeLoop:
         if self.horizon is None:
-            return self.recursion.free_run(coefficients, x, self.bound, unrolled)
-        return self.recursion.multi_step(coefficients, x, y, self.horizon, self.bound, unrolled)
+            return self.recursion.free_loop(coefficients, signals, self.bound, unroll)
+        return self.recursion.restarted_loop(coefficients, signals, self.horizon, self.bound, unroll)
 
-    def _outputs(self, coefficients: Any, x: Any, y: Any, counted: Any) -> Any:
-        """Scaled outputs (run, time, output)."""
-        return jnp.moveaxis(self._run(coefficients, x, y), 2, 0)
+    def _outputs(self, rows: Any, signals: Any) -> Any:
+        """Scaled outputs (time, output, run)."""
+        return self._loop(rows.T, signals).run()[0]
 
-    def _residual(self, coefficients: Any, x: Any, y: Any, counted: Any) -> Any:
-        """Residuals y − ŷ (time, output, run), zero where a sample does not count."""
-        return jnp.where(counted[:, None] > 0, y - self._run(coefficients, x, y), 0.0)
+    def _residual(self, outputs: Any, row: Any) -> Any:
+        """Residuals y − ŷ (output, run), zero where a sample does not count."""
+        return jnp.where(row[-1] > 0, jnp.stack(self.recursion.measured_outputs(row)) - outputs, 0.0)
 
-    def _errors(self, coefficients: Any, x: Any, y: Any, counted: Any) -> Any:
-        """Σ(y − ŷ)² (run, output)."""
-        return jnp.sum(self._residual(coefficients, x, y, counted) ** 2, axis=0).T
+    def _errors(self, rows: Any, signals: Any) -> Any:
+        """Σ(y − ŷ)² (output, run)."""
+        squares = Fold(_zeros(rows, len(self.recursion.outputs)), lambda sums, r: sums + r**2, lambda sums: sums)
+        return self._loop(rows.T, signals).folded(squares, signals[:-1], self._residual)[0]
 
-    def _normal(self, coefficients: Any, x: Any, y: Any, counted: Any) -> tuple[Any, Any]:
-        """JᵀJ (run, output, coefficient, coefficient) and Jᵀr (run, output, coefficient)."""
-        residual = self._residual(coefficients, x, y, counted)
+    def _normal(self, rows: Any, signals: Any) -> tuple[Any, Any]:
+        """JᵀJ, its lower triangle row by row, (pair, output, run) and Jᵀr (coefficient, output, run)."""
+        # A step with all its sensitivities is long; unrolled it would take XLA two to ten times as long to run and to compile.
+        loop = with_sensitivities(lambda c: self._loop(c, signals, unroll=1), rows.T)
 
-        def along(direction: Any) -> Any:
-            tangent = jnp.broadcast_to(direction[:, None], coefficients.shape) + coefficients * 0.0
-            # A step with all its sensitivities is long; unrolled it would take two to ten times as long to run and to compile.
-            return jax.jvp(lambda c: self._run(c, x, y, unrolled=1), (coefficients,), (tangent,))[1]
+        def sample(seen: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+            outputs, sensitivities = seen
+            return sensitivities * row[-1], self._residual(outputs, row)
 
-        sensitivity = jax.vmap(along)(jnp.eye(self.recursion.size)) * (counted[:, None] > 0)
-        square = jnp.einsum("itok,jtok->koij", sensitivity, sensitivity)
-        return square, jnp.einsum("itok,tok->koi", sensitivity, residual)
+        shape = self.recursion.size, len(self.recursion.outputs)
+        found: tuple[Any, Any] = loop.folded(_products(rows, *shape), signals[:-1], sample)[0]
+        return found
 
-    def _regression(self, coefficients: Any, x: Any, y: Any, counted: Any) -> tuple[Any, Any]:
-        """ΦᵀΦ and Φᵀy in the same shapes: the terms along the measured outputs take the place of the sensitivities."""
-        terms = self.recursion.one_step(coefficients, x, y) * (counted[1:, None] > 0)
-        squares, inners, start = [], [], 0
-        total = self.recursion.size
-        for index, of_output in enumerate(self.recursion.terms):
-            own = terms[:, start : start + len(of_output)]
-            square = jnp.einsum("tik,tjk->kij", own, own)
-            inner = jnp.einsum("tik,tk->ki", own, y[1:, index])
-            margin = (start, total - start - len(of_output))
-            squares.append(jnp.pad(square, ((0, 0), margin, margin)))
-            inners.append(jnp.pad(inner, ((0, 0), margin)))
-            start += len(of_output)
-        return jnp.stack(squares, axis=1), jnp.stack(inners, axis=1)
+    def _regression(self, rows: Any, signals: Any) -> list[tuple[Any, Any]]:
+        """ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output: its terms along the measured outputs take the place of J."""
+        recursion = self.recursion
+        ends = np.cumsum([len(of_output) for of_output in recursion.terms])
+        each = [_products(rows, len(of_output)) for of_output in recursion.terms]
 
-    def _over(self, kind: str, coefficients: np.ndarray, data: TrainingSet, chunk: int) -> Any:
-        """Results of a compiled function for all runs, computed in chunks."""
-        run = self._compiled(kind, data.x.shape[1])
-        rows = np.hstack([coefficients, data.rows])
-        count = len(rows)
-        if chunk == CHUNK:  # chunks that are always full are compiled once
-            rows = np.concatenate([rows, np.repeat(rows[-1:], -count % chunk, axis=0)])
-        parts = [run(rows[start : start + chunk]) for start in range(0, len(rows), chunk)]
-        if isinstance(parts[0], tuple):
-            return tuple(np.concatenate(column)[:count] for column in zip(*parts, strict=True))
-        return np.concatenate(parts)[:count]
+        def folded(sums: Any, at: tuple[Any, Any]) -> Any:
+            terms, row = at
+            parts = zip(each, jnp.split(terms * row[-1], ends[:-1]), recursion.measured_outputs(row), sums, strict=True)
+            return [fold.step(sum_, (own, y)) for fold, own, y, sum_ in parts]
+
+        all_outputs = Fold(
+            [fold.start for fold in each],
+            folded,
+            lambda sums: [fold.value(sum_) for fold, sum_ in zip(each, sums, strict=True)],
+        )
+        loop = recursion.one_step_loop(rows.T, signals)
+        found: list[tuple[Any, Any]] = loop.folded(all_outputs, signals[1:], lambda terms, row: (terms, row))[0]
+        return found
 
     def outputs(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
         """Compute the scaled outputs of every run.
@@ -132,7 +106,7 @@ class FreeRun:
         ndarray, shape (run, time, output)
             Outputs, kept within ± the bound.
         """
-        return np.asarray(self._over("outputs", coefficients, data, 1000))
+        return np.asarray(np.moveaxis(self._compiled_outputs(coefficients, signals=data.signals), 2, 0))
 
     def errors(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
         """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65).
@@ -149,7 +123,7 @@ class FreeRun:
         ndarray, shape (run, output)
             Errors; `LARGEST_ERROR` where the run is not finite.
         """
-        found = self._over("errors", coefficients, data, 1000) / data.spread
+        found = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
         return np.minimum(np.where(np.isfinite(found), found, LARGEST_ERROR), LARGEST_ERROR)
 
     def normal_equations(self, coefficients: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
@@ -167,8 +141,8 @@ class FreeRun:
         tuple of ndarray
             (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
         """
-        square, inner = self._over("normal", coefficients, data, CHUNK)
-        return _relative(square, inner, data.spread)
+        square, inner = self._compiled_normal(coefficients, signals=data.signals)
+        return _relative(_symmetric(square), _runs_first(inner), data.spread)
 
     def regression_equations(self, shapes: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
         """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output.
@@ -185,8 +159,44 @@ class FreeRun:
         tuple of ndarray
             (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
         """
-        square, inner = self._over("regression", shapes, data, CHUNK)
+        size, outputs = self.recursion.size, len(self.recursion.outputs)
+        square, inner = np.zeros((len(shapes), outputs, size, size)), np.zeros((len(shapes), outputs, size))
+        start = 0
+        for index, (pairs, products) in enumerate(self._compiled_regression(shapes, signals=data.signals)):
+            own = slice(start, start + len(products))
+            square[:, index, own, own], inner[:, index, own] = _symmetric(pairs), products.T
+            start = own.stop
         return _relative(square, inner, data.spread)
+
+
+def _zeros(rows: Any, *shape: int) -> Any:
+    """Zeros (…, run)."""
+    return jnp.zeros((*shape, rows.shape[0]))
+
+
+def _products(rows: Any, size: int, *more: int) -> Fold:
+    """Σ aᵢaⱼ for all i and j ≤ i, (pair, …, run), and Σ aᵢb, (size, …, run), of samples a (size, …, run) and b (…, run)."""
+
+    def folded(sums: tuple[list[Any], Any], sample: tuple[Any, Any]) -> tuple[list[Any], Any]:
+        (pairs, products), (a, b) = sums, sample
+        return [pairs[i] + a[i] * a[: i + 1] for i in range(size)], products + a * b
+
+    start = [_zeros(rows, i + 1, *more) for i in range(size)], _zeros(rows, size, *more)
+    return Fold(start, folded, lambda sums: (jnp.concatenate(sums[0]), sums[1]))
+
+
+def _symmetric(pairs: np.ndarray) -> np.ndarray:
+    """Matrices (run, …, size, size) from their lower triangles, (pair, …, run)."""
+    triangles = _runs_first(pairs)
+    size = (math.isqrt(8 * len(pairs) + 1) - 1) // 2
+    found, (i, j) = np.empty((*triangles.shape[:-1], size, size)), np.tril_indices(size)
+    found[..., i, j] = found[..., j, i] = triangles
+    return found
+
+
+def _runs_first(found: np.ndarray) -> np.ndarray:
+    """(run, …, number) from (number, …, run)."""
+    return np.moveaxis(found, (0, -1), (-1, 0))
 
 
 def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

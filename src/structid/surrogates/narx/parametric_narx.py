@@ -18,6 +18,7 @@ from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
+from structid.surrogates.array_module import namespace
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.narx.coefficients import Coefficients
@@ -197,6 +198,7 @@ class ParametricNARX(Surrogate):
         """
         scales = self.recursion.scales
         x = input_signals(excitation.stages) / np.array([scales[x] for x in self.recursion.inputs])
+        x = namespace(x).concatenate([x, x[-1:]])
         bound = PREDICTION_BOUND * self.largest
         coefficients = self.coefficients.predict(self.held_inside(theta)).T
         free, admitted = self.recursion.free_loop(coefficients, x, bound), self.admitted(theta)

@@ -15,11 +15,10 @@ import numpy as np
 
 from structid.device import jnp
 from structid.mechanics.time_loop import TimeLoop, all_finite
-from structid.surrogates.array_module import namespace
 from structid.surrogates.narx.terms import Memory, Term
 
 State = dict[str, tuple[Any, ...]]
-"""The values of every output and memory at t−1, t−2, …, each of shape (run,)."""
+"""The values of every input, output and memory at t−1, t−2, …, each of shape (run,)."""
 
 UNROLLED = 8
 """Steps of the recursion in one pass of the loop of XLA. The overhead of a pass is about the cost of a step of 50 runs."""
@@ -86,22 +85,22 @@ class Recursion:
 
     # --- one step -----------------------------------------------------------------------------------------------
 
-    def values(self, state: State, window: Any) -> dict[tuple[str, int], Any]:
+    def values(self, state: State, row: Any) -> dict[tuple[str, int], Any]:
         """Collect every lagged signal at one time.
 
         Parameters
         ----------
         state : State
-            Past outputs and memories.
-        window : jax.Array, shape (input, lag + 1, ...)
-            The inputs now and before.
+            What came before.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
 
         Returns
         -------
         dict of Lagged to array
             The lagged signals that terms may use.
         """
-        known = {(s, k): window[i, k] for i, s in enumerate(self.inputs) for k in range(self.depth[s] + 1)}
+        known = {(name, 0): row[i] for i, name in enumerate(self.inputs)}
         for signal, past in state.items():
             known.update({(signal, k): value for k, value in enumerate(past, 1)})
         return known
@@ -129,8 +128,8 @@ class Recursion:
             start += len(of_output)
         return found
 
-    def advance(self, coefficients: Any, state: State, window: Any, outputs: Sequence[Any]) -> State:
-        """Add the new outputs to the state and update the memories.
+    def advance(self, coefficients: Any, state: State, row: Any, outputs: Sequence[Any]) -> State:
+        """Add the inputs and outputs of one time to the state and update the memories.
 
         Parameters
         ----------
@@ -138,8 +137,8 @@ class Recursion:
             ϑ; only the shapes at its end are used.
         state : State
             The state before the step.
-        window : jax.Array, shape (input, lag + 1, ...)
-            The inputs now and before.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
         outputs : sequence of jax.Array, shape (run,)
             The outputs now.
 
@@ -148,32 +147,58 @@ class Recursion:
         State
             The state after the step.
         """
-        new = dict(zip(self.outputs, outputs, strict=True))
-        now = {**{s: window[i, 0] for i, s in enumerate(self.inputs)}, **new}
-        before = {s: window[i, 1] for i, s in enumerate(self.inputs)} | {s: past[0] for s, past in state.items()}
+        # An input may be the same for all runs, a state is one for each.
+        now = {name: jnp.broadcast_to(row[i], outputs[0].shape) for i, name in enumerate(self.inputs)}
+        now |= dict(zip(self.outputs, outputs, strict=True))
         shape = self.linear_size
         for memory in self.memories:
             held = state[memory.name][0]
-            s_now, s_before = now[memory.of], before[memory.of]
+            s_now, s_before = now[memory.of], state[memory.of][0]
             if memory.kind == "integral":
                 value = held + self._rate(memory) * 0.5 * (s_now + s_before)
             else:
                 value = _hysteresis(held, s_now - s_before, coefficients[shape], coefficients[shape + 1])
             shape += memory.shapes
-            now[memory.name] = new[memory.name] = value
-        return {signal: (new[signal], *past[:-1]) for signal, past in state.items()}
+            now[memory.name] = value
+        return {signal: (now[signal], *past[:-1]) for signal, past in state.items()}
+
+    def step(self, coefficients: Any, state: State, row: Any, time: Any, bound: float) -> State:
+        """Simulate one step from the model's own past.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ.
+        state : State
+            The state before the step.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
+        time : jax.Array
+            Time [s].
+        bound : float
+            Outputs are kept within ± this value, so that a run that diverges stays finite.
+
+        Returns
+        -------
+        State
+            The state after the step.
+        """
+        found = self.outputs_of(coefficients, self.values(state, row), time)
+        return self.advance(coefficients, state, row, [_bounded(y, bound) for y in found])
 
     def _rate(self, memory: Memory) -> float:
         """Scaled increment of an integral for one step of its scaled signal."""
         return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
 
-    def at_rest(self, like: Any) -> State:
-        """Return the state before the second sample: outputs at their initial values, memories zero.
+    def at_rest(self, like: Any, row: Any) -> State:
+        """Return the state after the first sample: outputs at their initial values, all else zero before.
 
         Parameters
         ----------
         like : jax.Array, shape (run,)
             Any array with one value for each run.
+        row : jax.Array, shape (input or more, ...)
+            The inputs at the first sample.
 
         Returns
         -------
@@ -181,82 +206,9 @@ class Recursion:
             The state.
         """
         zero = like * 0.0
-        state = {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
+        state = {x: (zero + row[i], *[zero] * (self.depth[x] - 1)) for i, x in enumerate(self.inputs)}
+        state |= {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
         return state | {m.name: (zero,) * self.depth[m.name] for m in self.memories}
-
-    # --- many steps ---------------------------------------------------------------------------------------------
-
-    def windows(self, x: Any) -> Any:
-        """Return lagged copies of the inputs, which are zero before the record.
-
-        Parameters
-        ----------
-        x : jax.Array, shape (time, input, ...)
-            Scaled inputs.
-
-        Returns
-        -------
-        jax.Array, shape (time, input, lag + 1, ...)
-            x(t), x(t−1), …
-        """
-        deepest = max(self.depth[s] for s in self.inputs)
-        numpy = namespace(x)
-        copies = [x if k == 0 else numpy.concatenate([numpy.zeros_like(x[:k]), x[:-k]]) for k in range(deepest + 1)]
-        return numpy.stack(copies, axis=2)
-
-    def free_loop(self, coefficients: Any, x: Any, bound: float, unroll: int = UNROLLED) -> TimeLoop:
-        """Give the loop that simulates from the past outputs of the model itself.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run.
-        x : array, shape (time, input) or (time, input, run)
-            Scaled inputs.
-        bound : float
-            Outputs are kept within ± this value, so that a run that diverges stays finite.
-        unroll : int
-            Steps in one pass of the loop of XLA.
-
-        Returns
-        -------
-        TimeLoop
-            What is seen are the scaled outputs (output, run).
-        """
-
-        def step(state: State, at: Any) -> tuple[State, Any]:
-            window, time = at
-            found = self.outputs_of(coefficients, self.values(state, window), time)
-            found = [_bounded(y, bound) for y in found]
-            # The step shows the previous output, which the state holds: to show the new one XLA would compute all terms
-            # twice.
-            return self.advance(coefficients, state, window, found), self.last(state)
-
-        # The row of a sample holds what the next one needs. The last row's step is nobody's.
-        windows, times = self.windows(x), np.arange(x.shape[0]) * self.dt
-        rows = (_from_second(windows), _from_second(times))
-        return TimeLoop(self.at_rest(coefficients[0]), step, rows, 0, all_finite, unroll)
-
-    def free_run(self, coefficients: Any, x: Any, bound: float, unroll: int = UNROLLED) -> Any:
-        """Simulate from the past outputs of the model itself.
-
-        Parameters
-        ----------
-        coefficients : jax.Array, shape (coefficient, run)
-            ϑ of every run.
-        x : array, shape (time, input) or (time, input, run)
-            Scaled inputs.
-        bound : float
-            Outputs are kept within ± this value.
-        unroll : int
-            Steps in one pass of the loop of XLA.
-
-        Returns
-        -------
-        jax.Array, shape (time, output, run)
-            Scaled outputs.
-        """
-        return self.free_loop(coefficients, x, bound, unroll).run()[0]
 
     def last(self, state: State) -> Any:
         """Latest outputs in a state.
@@ -273,84 +225,122 @@ class Recursion:
         """
         return jnp.stack([state[y][0] for y in self.outputs])
 
-    def multi_step(
-        self, coefficients: Any, x: Any, y: Any, horizon: int, bound: float, unrolled: int = UNROLLED
-    ) -> Any:
-        """Simulate, and start again from the measured past every `horizon` samples.
+    # --- many steps ---------------------------------------------------------------------------------------------
+
+    def free_loop(self, coefficients: Any, signals: Any, bound: float, unroll: int = UNROLLED) -> TimeLoop:
+        """Give the loop that simulates from the past outputs of the model itself.
 
         Parameters
         ----------
         coefficients : jax.Array, shape (coefficient, run)
             ϑ of every run.
-        x : jax.Array, shape (time, input, run)
-            Scaled inputs.
-        y : jax.Array, shape (time, output, run)
-            Scaled measured outputs.
-        horizon : int
-            Samples between two starts; 1 is one step ahead.
+        signals : array, shape (time + 1, input or more) or (time + 1, input or more, run)
+            Scaled inputs, first of all. What a step from the last sample would need stands in the last row.
         bound : float
             Outputs are kept within ± this value.
-        unrolled : int
+        unroll : int
             Steps in one pass of the loop of XLA.
 
         Returns
         -------
-        jax.Array, shape (time, output, run)
-            Scaled outputs.
+        TimeLoop
+            What is seen are the scaled outputs (output, run).
+        """
+
+        def step(state: State, at: Any) -> tuple[State, Any]:
+            row, time = at
+            # What is seen is the previous output, which the state holds: to show the new one XLA would compute all terms twice.
+            return self.step(coefficients, state, row, time, bound), self.last(state)
+
+        start = self.at_rest(coefficients[0], signals[0])
+        return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite, unroll)
+
+    def restarted_loop(
+        self, coefficients: Any, signals: Any, horizon: int, bound: float, unroll: int = UNROLLED
+    ) -> TimeLoop:
+        """Give the loop that starts again from the measured past every `horizon` samples.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run.
+        signals : jax.Array, shape (time + 1, input and output or more, run)
+            Scaled inputs and measured outputs, as in `free_loop`.
+        horizon : int
+            Samples between two starts; 1 is one step ahead.
+        bound : float
+            Outputs are kept within ± this value.
+        unroll : int
+            Steps in one pass of the loop of XLA.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen are the scaled outputs (output, run).
         """
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
-            state, measured = carried
-            window, now, time, again = at
-            state = jax.tree.map(lambda free, known: jnp.where(again, known, free), state, measured)
-            found = self.outputs_of(coefficients, self.values(state, window), time)
-            found = [_bounded(v, bound) for v in found]
-            after = self.advance(coefficients, state, window, found)
-            return (after, self.advance(coefficients, measured, window, list(now))), jnp.stack(found)
+            (state, measured), (row, time, again) = carried, at
+            seen = self.last(state)
+            state = jax.tree.map(lambda free, known: jnp.where(again > 0, known, free), state, measured)
+            after = self.step(coefficients, state, row, time, bound)
+            return (after, self.advance(coefficients, measured, row, self.measured_outputs(row))), seen
 
-        start = self._from_measured(y)
-        numbers = jnp.arange(x.shape[0])
-        series = (self.windows(x)[1:], y[1:], numbers[1:] * self.dt, (numbers[1:] - 1) % horizon == 0)
-        _, rest = jax.lax.scan(step, (start, start), series, unroll=unrolled)
-        return jnp.concatenate([y[:1], rest])
+        start = self._from_measured(coefficients[0], signals[0])
+        times = self._times(signals)
+        again = (np.arange(len(times)) % horizon == 0).astype(float)
+        return TimeLoop((start, start), step, (signals[1:], times, again), 0, all_finite, unroll)
 
-    def _from_measured(self, y: Any) -> State:
-        """State before the second sample, from the first measured output; every part of it has one value for each run."""
-        start = self.at_rest(y[0, 0])
-        return start | {name: (y[0, i], *start[name][1:]) for i, name in enumerate(self.outputs)}
-
-    def one_step(self, coefficients: Any, x: Any, y: Any) -> Any:
-        """Compute the terms along measured outputs, for regression: outputs one step ahead are linear in them.
+    def one_step_loop(self, coefficients: Any, signals: Any) -> TimeLoop:
+        """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them.
 
         Parameters
         ----------
         coefficients : jax.Array, shape (coefficient, run)
             ϑ of every run; only the shapes of the memories, at its end, are used.
-        x : jax.Array, shape (time, input, run)
-            Scaled inputs.
-        y : jax.Array, shape (time, output, run)
-            Scaled outputs.
+        signals : jax.Array, shape (time + 1, input and output or more, run)
+            Scaled inputs and measured outputs, as in `free_loop`.
 
         Returns
         -------
-        jax.Array, shape (time − 1, term, run)
-            Terms of all outputs.
+        TimeLoop
+            What is seen, beginning at the second sample, are the terms of all outputs (term, run).
         """
 
         def step(state: State, at: Any) -> tuple[State, Any]:
-            window, now, time = at
-            values = self.values(state, window)
-            ones = jnp.ones_like(now[0])
+            row, time = at
+            values, measured = self.values(state, row), self.measured_outputs(row)
+            ones = jnp.ones_like(measured[0])
             terms = jnp.stack([ones * t.evaluate(values, time) for of in self.terms for t in of])
-            return self.advance(coefficients, state, window, list(now)), terms
+            return self.advance(coefficients, state, row, measured), terms
 
-        times = jnp.arange(x.shape[0]) * self.dt
-        return jax.lax.scan(step, self._from_measured(y), (self.windows(x)[1:], y[1:], times[1:]))[1]
+        start = self._from_measured(coefficients[0], signals[0])
+        return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite)
 
+    def measured_outputs(self, row: Any) -> list[Any]:
+        """Measured outputs in a row of inputs and outputs.
 
-def _from_second(rows: Any) -> Any:
-    """Rows from the second on, the last one twice."""
-    return namespace(rows).concatenate([rows[1:], rows[-1:]])
+        Parameters
+        ----------
+        row : jax.Array, shape (input and output or more, run)
+            The row.
+
+        Returns
+        -------
+        list of jax.Array, shape (run,)
+            One for each output.
+        """
+        return [row[len(self.inputs) + i] for i in range(len(self.outputs))]
+
+    def _from_measured(self, like: Any, row: Any) -> State:
+        """State after the first sample, with its measured outputs."""
+        start = self.at_rest(like, row)
+        measured = zip(self.outputs, self.measured_outputs(row), strict=True)
+        return start | {name: (y, *start[name][1:]) for name, y in measured}
+
+    def _times(self, signals: Any) -> np.ndarray:
+        """Times [s] of the second sample and on."""
+        return np.arange(1, signals.shape[0]) * self.dt
 
 
 def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from structid.mechanics.lanes.signals import Signals
 from structid.surrogates.narx.experiments import Experiments
 from structid.surrogates.narx.recursion import Recursion
 
@@ -59,11 +60,16 @@ class TrainingSet:
         square = np.sum(y**2, axis=1) - np.sum(y, axis=1) ** 2 / count
         return np.asarray(np.maximum(square, 1e-300))
 
-    @property
-    def rows(self) -> np.ndarray:
-        """All arrays of a run in one row, as compiled functions take them, shape (run, …)."""
-        flat = [self.x.reshape(len(self), -1), self.y.reshape(len(self), -1), self.counted]
-        return np.hstack(flat)
+    @cached_property
+    def signals(self) -> Signals:
+        """All signals of a run beside each other, (time + 1, input and output and 1), as `Recursion.free_loop` takes them.
+
+        The last column tells whether a sample counts. The last row, which does not, is for the step beyond the record.
+        """
+        samples = np.concatenate([self.x, self.y, self.counted[:, :, None]], axis=2)
+        beyond = samples[:, -1:].copy()
+        beyond[:, :, -1] = 0.0
+        return Signals(np.concatenate([samples, beyond], axis=1))
 
 
 def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:

@@ -1,0 +1,47 @@
+"""What each run of a batch goes through alone, such as its own measurement, laid out for loops over time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """Signals of many runs, each with its own.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, time, signal)
+        The signals.
+    """
+
+    values: np.ndarray
+    _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Numbers of samples and of signals."""
+        _, samples, signals = self.values.shape
+        return samples, signals
+
+    def in_blocks(self, width: int) -> np.ndarray:
+        """Put the runs of a block beside each other, so that it reads its samples one after the other.
+
+        Parameters
+        ----------
+        width : int
+            Runs in a block.
+
+        Returns
+        -------
+        ndarray, shape (block, time, signal, lane)
+            The last block is filled with its last run. It is made once.
+        """
+        if width not in self._in_blocks:
+            runs = len(self.values)
+            rows = np.minimum(np.arange(-(-runs // width) * width), runs - 1)
+            blocks = self.values[rows].reshape(-1, width, *self.shape)
+            self._in_blocks[width] = np.ascontiguousarray(np.moveaxis(blocks, 1, 3), dtype=np.float64)
+        return self._in_blocks[width]
