@@ -15,6 +15,7 @@ import pytest
 from structid.device import over_runs
 from structid.mechanics.lanes import machine
 from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.lanes.signals import Signals
 
 pytestmark = pytest.mark.quick
 
@@ -61,6 +62,33 @@ def test_a_run_that_diverges_is_found_in_its_lane_alone():
     seen, finite = InLanes(oscillation, (2, 0))(rows, np.ones(2000))
     assert (finite == (np.arange(16) != 5)).all()
     assert not np.isfinite(seen[-1, :, 5]).all() and np.isfinite(np.delete(seen, 5, axis=2)).all()
+
+
+@pytest.mark.parametrize("count", [1, 8, 21])
+def test_signals_of_each_run(count):
+    """A filter of each run's own signal, with its first sample and a part of its rows taken by themselves."""
+
+    def filtered(theta, signals, gain):
+        def step(y, row):
+            y = theta[:, 0] * y + gain * row[1]
+            return y, y
+
+        return jax.lax.scan(step, signals[0, 0], signals[1:])[1]
+
+    theta, signals = RNG.uniform(0.1, 0.9, (count, 1)), Signals(RNG.normal(size=(count, 50, 2)))
+    ours = InLanes(filtered, 1)
+    found = ours(theta, np.array(2.0), signals=signals)
+    y = signals.values[:, 0, 0]
+    for i in range(1, 50):
+        y = theta[:, 0] * y + 2.0 * signals.values[:, i, 1]
+        np.testing.assert_allclose(found[i - 1], y, rtol=1e-12, atol=1e-15)
+    assert not ours.why_not
+    np.testing.assert_allclose(
+        ours._jax_of_rows(1, signals.shape)(np.hstack([theta, signals.values.reshape(count, -1)]), np.array(2.0)),
+        found,
+        rtol=1e-12,
+        atol=1e-15,
+    )
 
 
 # --- bits -----------------------------------------------------------------------------------------------------------

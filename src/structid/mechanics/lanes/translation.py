@@ -216,7 +216,10 @@ class Translator:
         constants, carried = _constants_and_carried(parameters)
         length = parameters["length"]
         fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
-        fixed = [x if _is_known(x) and _size(x) > LARGEST_ARRAY else self.numbers(x) for x in fixed]
+        fixed = [
+            x if isinstance(x, History) or (_is_known(x) and _size(x) > LARGEST_ARRAY) else self.numbers(x)
+            for x in fixed
+        ]
         state = [_Slots(self.code, self.numbers(x)) for x in start]
         tables = [self._series(x) for x in series]
         kept = [self._history(length, aval.shape) for aval in parameters["jaxpr"].out_avals[carried:]]
@@ -319,11 +322,13 @@ def _part_of_history(name: str, parameters: dict[str, Any], history: History) ->
         shape = parameters["new_sizes"] if name == "reshape" else None
         ones = parameters.get("dimensions", ())
         return History(history.first, shape or tuple(np.delete(history.shape, ones)), history.given)
-    starts, ends = parameters["start_indices"], parameters["limit_indices"]
-    if any(starts[1:]) or tuple(ends[1:]) != history.shape[1:] or (parameters["strides"] or (1,))[0] != 1:
+    starts, lengths = parameters["start_indices"], np.subtract(parameters["limit_indices"], parameters["start_indices"])
+    # The numbers lie one after the other where all axes after the first that is not of length one are whole.
+    cut = int(np.argmax(lengths != 1)) + 1 if (lengths != 1).any() else len(lengths)
+    if tuple(lengths[cut:]) != history.shape[cut:] or set(parameters["strides"] or (1,)) != {1}:
         raise UntranslatableError("some columns of a whole history")
-    first = history.first + starts[0] * int(np.prod(history.shape[1:]))
-    return History(first, (ends[0] - starts[0], *history.shape[1:]), history.given)
+    first = int(np.ravel_multi_index(starts, history.shape))
+    return History(history.first + first, tuple(map(int, lengths)), history.given)
 
 
 def _elementwise(

@@ -76,11 +76,13 @@ class FreeRun:
         recursion = self.recursion
         ends = np.cumsum([len(of_output) for of_output in recursion.terms])
         each = [_products(rows, len(of_output)) for of_output in recursion.terms]
+        own = [slice(end - len(of_output), end) for end, of_output in zip(ends, recursion.terms, strict=True)]
 
         def folded(sums: Any, at: tuple[Any, Any]) -> Any:
             terms, row = at
-            parts = zip(each, jnp.split(terms * row[-1], ends[:-1]), recursion.measured_outputs(row), sums, strict=True)
-            return [fold.step(sum_, (own, y)) for fold, own, y, sum_ in parts]
+            counted = terms * row[-1]
+            parts = zip(each, own, recursion.measured_outputs(row), sums, strict=True)
+            return [fold.step(sum_, (counted[place], y)) for fold, place, y, sum_ in parts]
 
         all_outputs = Fold(
             [fold.start for fold in each],

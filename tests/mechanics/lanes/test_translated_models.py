@@ -1,0 +1,166 @@
+"""Every built-in model, channel, excitation and likelihood runs in lanes with JAX's numbers, or is listed as an exception."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from oscillators import DEGRADING
+from package import concrete_subclasses
+from structid.device import over_runs
+from structid.mechanics.lanes import machine
+from structid.mechanics.lanes.in_lanes import InLanes
+from structid.models.bouc_wen import CHANNELS
+from structid.models.shear_frame import STOREY_CHANNELS
+from structid.models.traceable import TraceableModel
+
+pytestmark = [pytest.mark.quick, pytest.mark.skipif(bool(machine.why_not()), reason="no lanes here")]
+
+RNG = np.random.default_rng(5)
+TIME = 0.02 * np.arange(150)
+GROUND = si.GroundMotion(2.0 * np.sin(9.0 * TIME) * np.exp(-0.5 * TIME), 0.02, "a burst")
+EXCITATIONS = {
+    "ground motion": GROUND,
+    "periodic": si.ForceHistory(2e4 * np.sin(6 * np.pi * TIME / 3.0), 0.02, "three periods", "periodic", 1),
+    "force": si.ForceHistory(2e4 * np.sin(9.0 * TIME), 0.02, "a push"),
+    "displacement": si.DisplacementHistory(0.004 * np.sin(9.0 * TIME), 0.02, "a stroke"),
+}
+ACCELERATIONS = {"relative_acceleration", "absolute_acceleration"}
+PINCHED = dict(zeta0=0.9, p=10.0, q=0.1, psi0=0.002, delta_psi=0.0005, lambda_=0.5)
+LAWS = {
+    "plain": {},
+    "degrading": dict(delta_a=0.1, delta_nu=2.43, delta_eta=6.5),
+    "pinching": PINCHED,
+    "exponent 2": dict(exponent=2.0),
+    "everything": dict(delta_a=0.1, delta_nu=2.43, delta_eta=6.5, exponent=1.5, **PINCHED),
+}
+PLAIN = {name: value for name, value in DEGRADING.items() if not name.startswith("delta")}
+ALL_FREE = (
+    "stiffness",
+    "alpha",
+    "beta",
+    "gamma_ratio",
+    "exponent",
+    "delta_a",
+    "delta_nu",
+    "delta_eta",
+    "zeta0",
+    "p",
+    "q",
+)
+
+
+def compared(model, excitation, theta):
+    """Histories in lanes, held against JAX's."""
+    traced = model.traced(excitation)
+    (ours, finite), (theirs, fine) = (kind(model.response, (2, 0))(theta, traced) for kind in (InLanes, over_runs))
+    assert InLanes(model.response, (2, 0)).compiled(theta.shape[1], (traced,)) is not None
+    assert (finite == fine).all() and fine.any()
+    scale = np.abs(theirs[..., fine]).max(axis=(0, 2), keepdims=True)
+    assert (np.abs(ours - theirs)[..., fine] <= 1e-12 * scale).all()
+
+
+@pytest.mark.parametrize("excitation", EXCITATIONS)
+def test_every_channel_of_the_oscillator(excitation):
+    channels = [c for c in CHANNELS if excitation != "displacement" or c not in ACCELERATIONS]
+    model = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",), channels=channels)
+    compared(model, EXCITATIONS[excitation], RNG.uniform(7e6, 8e6, (5, 1)))
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law(law):
+    model = si.BoucWen(
+        **PLAIN | LAWS[law] | {"stiffness": None}, free=("stiffness",), channels=("displacement", "restoring_force")
+    )
+    compared(model, GROUND, RNG.uniform(7e6, 8e6, (5, 1)))
+
+
+def test_everything_free():
+    given = {k: v for k, v in (PLAIN | LAWS["everything"]).items() if k not in ALL_FREE}
+    values = PLAIN | LAWS["everything"]
+    theta = np.array([values[name] for name in ALL_FREE]) * RNG.uniform(0.95, 1.05, (5, len(ALL_FREE)))
+    compared(si.BoucWen(**given, free=ALL_FREE, channels=("velocity",)), GROUND, theta)
+
+
+@pytest.mark.parametrize("damping", ["modal", "rayleigh"])
+@pytest.mark.parametrize("excitation", ["ground motion", "force"])
+def test_every_channel_of_a_frame(damping, excitation):
+    channels = ["base_shear", *(f"{channel}_{storey}" for channel in STOREY_CHANNELS for storey in (1, 2))]
+    frame = si.ShearFrame(
+        storeys=2, mass=12_000.0, damping_ratio=0.03, alpha=0.05, beta=63.0, gamma_ratio=0.5, delta_nu=1.0, damping=damping,
+        free=("stiffness",), channels=channels,
+    )  # fmt: skip
+    signal = EXCITATIONS[excitation]
+    compared(frame, signal, RNG.uniform(7e6, 8e6, (3, 1)))
+
+
+# --- likelihoods ----------------------------------------------------------------------------------------------------
+
+MODEL = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",))
+SPACE = si.ParameterSpace(stiffness=si.LogNormal(mean=7.6e6, sd=5e5))
+MEASURED = MODEL.simulate(np.array([[7.5e6]]), GROUND).values[0, :, 0] + 0.002 * RNG.normal(size=150)
+LAWS_OF_ERROR = {
+    "IID": si.IID(), "known variance": si.IID(variance=4e-6), "AR1": si.AR1(), "Matern32": si.Matern32(),
+    "DampedCosine": si.DampedCosine(),
+}  # fmt: skip
+NUISANCES = {"gain": dict(gain=si.LogNormal(mean=1.0, sd=0.1)), "offset": dict(offset=si.Normal(0.0, 0.01))}
+
+
+def posterior(law=None, observations=1, **nuisances):
+    measured = [si.Observation(GROUND, MEASURED, name=f"test {i}", **nuisances) for i in range(observations)]
+    return si.Posterior(SPACE, MODEL, measured, discrepancy=law)
+
+
+POSTERIORS = {
+    **{name: posterior(law) for name, law in LAWS_OF_ERROR.items()},
+    **{name: posterior(**given) for name, given in NUISANCES.items()},
+    "both": posterior(**NUISANCES["gain"], **NUISANCES["offset"]),
+    "two records": posterior(observations=2),
+}
+
+
+def by_jax(of, phi, monkeypatch):
+    """The same density where nothing can be compiled."""
+    with monkeypatch.context() as without:
+        without.setattr("structid.mechanics.lanes.in_lanes.why_not", lambda: "asked not to")
+        again = of._like()
+        return again.evaluate_parts(phi)
+
+
+@pytest.mark.parametrize("name", POSTERIORS)
+def test_every_likelihood(name, monkeypatch):
+    of = POSTERIORS[name]
+    phi = of.initial(5, np.random.default_rng(1))
+    assert of._in_lanes is not None
+    for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11)
+
+
+def test_a_shift_in_time_is_left_to_jax():
+    """A shifted history is made of the whole one: there is nothing to fold."""
+    assert posterior(time_shift=si.Normal(0.0, 0.01))._in_lanes is None
+
+
+# --- surrogates -----------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return si.Campaign(MODEL, GROUND, SPACE.sample(40, seed=1)).run()
+
+
+@pytest.mark.parametrize("settings", [si.PCNARX(degree=2), si.KrigingNARX(degree=2)])
+def test_every_recursion(settings, runs):
+    compared(settings.fit(runs), GROUND, SPACE.sample(5, seed=2).values)
+
+
+@pytest.mark.parametrize("settings", [si.PODKriging(), si.PODPCE()])
+def test_a_sum_of_components_is_no_loop(settings, runs):
+    surrogate = settings.fit(runs)
+    in_jax = InLanes(surrogate.response, (2, 0))
+    in_jax(SPACE.sample(5, seed=2).values, surrogate.traced(GROUND))
+    assert in_jax.why_not == "no loop over time"
+
+
+def test_no_model_is_forgotten():
+    tried = {"BoucWen", "ShearFrame", "ParametricNARX", "ResponseSpaceSurrogate"}
+    assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried
