@@ -33,6 +33,7 @@ format: $(READY)
 # The peers (OpenSeesPy, numba) are installed only here; OpenSeesPy also needs Debian's libblas3.
 bench: $(READY)
 	$(BIN)/pip install --quiet --disable-pip-version-check "numba>=0.60" "openseespy>=3.5"
+	$(BIN)/python benchmarks/lanes.py
 	$(BIN)/python benchmarks/forward_model.py
 	$(BIN)/python benchmarks/reference_inversion.py
 

@@ -1,0 +1,204 @@
+"""The question: what does a run cost in compiled lanes, for every law, beside JAX's scan and a kernel written by hand.
+
+The peer is the plain law as a Numba kernel of 16 runs innermost, written for nothing else; it is what a law that is written once
+should come near to. Histories are compared with JAX's. Run with ``python benchmarks/lanes.py [--quick]``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import common
+import numpy as np
+
+import structid as si
+from structid.device import over_runs
+from structid.mechanics.lanes.machine import engine, lanes, processor
+
+NAME = "lanes"
+DURATION, PGA = 40.0, 1.8
+BATCHES, SUBSTEPS = (50, 200, 2000), (1, 3)
+NEAR_KERNEL = 1.5
+"""Most that a law written once may cost, over the kernel written by hand."""
+FULL_LAW_LIMIT = 0.05
+"""Most milliseconds of a run of the full law, 200 at a time, with the default substeps."""
+
+DEGRADING = {"delta_nu": common.DELTA_NU, "delta_eta": common.DELTA_ETA}
+PINCHED = {"zeta0": 0.9, "p": 10.0, "q": 0.1, "psi0": 0.002, "delta_psi": 0.0005, "lambda_": 0.5}
+LAWS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "exponent 2": {"exponent": 2.0},
+    "degrading": DEGRADING,
+    "pinching": PINCHED,
+    "degrading and pinching": {"delta_a": 0.1} | DEGRADING | PINCHED,
+}
+FULL = "degrading and pinching"
+STOREYS = (2, 4, 8)
+
+
+# --- models ---------------------------------------------------------------------------------------------------------
+
+
+def oscillator(law: str, substeps: int) -> si.BoucWen:
+    """The study's oscillator, its four parameters free, with one of the laws."""
+    return si.BoucWen(
+        mass=common.MASS,
+        damping_ratio=common.DAMPING_RATIO,
+        free=common.study_space().names,
+        substeps=substeps,
+        **LAWS[law],
+    )
+
+
+def frame(storeys: int, substeps: int) -> si.ShearFrame:
+    """A frame of such springs, the velocity of its top observed."""
+    return si.ShearFrame(
+        storeys=storeys, mass=common.MASS, damping_ratio=common.DAMPING_RATIO, free=common.study_space().names,
+        channels=(f"velocity_{storeys}",), substeps=substeps,
+    )  # fmt: skip
+
+
+def models(substeps: int) -> dict[str, Any]:
+    """Every law, and frames."""
+    frames = {f"frame of {storeys} storeys": frame(storeys, substeps) for storeys in STOREYS}
+    return {law: oscillator(law, substeps) for law in LAWS} | frames
+
+
+# --- the kernel by hand ---------------------------------------------------------------------------------------------
+
+
+def kernel_by_hand() -> Callable[..., np.ndarray] | None:
+    """Compile RK4 of the plain law with 16 runs innermost and the blocks over the cores; None where Numba is missing."""
+    try:
+        import numba
+    except ImportError as error:
+        print(f"skipped: Numba cannot be imported ({error})")
+        return None
+    width = 16
+
+    @numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy", inline="always")
+    def rate(u, v, z, ground, p, j):
+        return (
+            v,
+            -ground - p[0, j] * v - p[1, j] * u - p[2, j] * z,
+            v - p[3, j] * abs(v) * z - p[4, j] * v * abs(z),
+        )
+
+    @numba.njit(fastmath={"contract", "nsz", "arcp"}, error_model="numpy", parallel=True)
+    def velocities(ground, dt, substeps, parameters, found):
+        h, runs = dt / substeps, parameters.shape[1]
+        for block in numba.prange((runs + width - 1) // width):
+            first, count = block * width, min(width, runs - block * width)
+            u, v, z, p = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros((5, width))
+            p[:, :count] = parameters[:, first : first + count]
+            found[0, first : first + count] = 0.0
+            for i in range(ground.size - 1):
+                slope = (ground[i + 1] - ground[i]) / substeps
+                for s in range(substeps):
+                    a0 = ground[i] + slope * s
+                    a1, a2 = a0 + 0.5 * slope, a0 + slope
+                    for j in range(width):
+                        u1, v1, z1 = rate(u[j], v[j], z[j], a0, p, j)
+                        u2, v2, z2 = rate(u[j] + h / 2 * u1, v[j] + h / 2 * v1, z[j] + h / 2 * z1, a1, p, j)
+                        u3, v3, z3 = rate(u[j] + h / 2 * u2, v[j] + h / 2 * v2, z[j] + h / 2 * z2, a1, p, j)
+                        u4, v4, z4 = rate(u[j] + h * u3, v[j] + h * v3, z[j] + h * z3, a2, p, j)
+                        u[j] += h / 6 * (u1 + 2 * (u2 + u3) + u4)
+                        v[j] += h / 6 * (v1 + 2 * (v2 + v3) + v4)
+                        z[j] += h / 6 * (z1 + 2 * (z2 + z3) + z4)
+                found[i + 1, first : first + count] = v[:count]
+
+    def call(record: si.GroundMotion, substeps: int, theta: np.ndarray) -> np.ndarray:
+        stiffness, beta, ratio, alpha = theta.T
+        square = stiffness / common.MASS
+        viscous = 2.0 * common.DAMPING_RATIO * np.sqrt(square)
+        parameters = np.stack([viscous, alpha * square, (1.0 - alpha) * square, beta, ratio * beta])
+        found = np.empty((len(record), len(theta)))
+        velocities(record.values, record.dt, substeps, parameters, found)
+        return found
+
+    return call
+
+
+# --- what is timed --------------------------------------------------------------------------------------------------
+
+
+def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.ndarray] | None) -> list[list[str]]:
+    """One row for every model: milliseconds of a run, and how far lanes and JAX lie apart."""
+    record, space = common.study_record(DURATION, PGA), common.study_space()
+    theta = space.sample(batch, seed=1).values
+    rows = []
+    for name, model in models(substeps).items():
+        traced, jax_alone = model.traced(record), over_runs(model.response, (2, 0))
+        in_lanes, expected = model.simulate(theta, record).values, jax_alone(theta, traced)[0]
+        difference = np.abs(np.moveaxis(expected, 2, 0) - in_lanes).max() / np.abs(in_lanes).max()
+        misfit = si.Posterior(space, model, si.Observation(record, in_lanes[0], model.channels), si.IID()).misfit
+        misfit(theta)
+        calls = {
+            "lanes": lambda m=model: m.simulate(theta, record),
+            "misfit": lambda m=misfit: m(theta),
+            "JAX": lambda j=jax_alone, t=traced: j(theta, t),
+        }
+        if name == "plain" and by_hand is not None:
+            apart = np.abs(by_hand(record, substeps, theta).T - in_lanes[..., 0]).max() / np.abs(in_lanes).max()
+            difference = max(difference, apart)
+            calls["by hand"] = lambda: by_hand(record, substeps, theta)
+        each = {who: 1e3 * t.median / batch for who, t in common.interleaved(calls, repeats).items()}
+        rows.append([name, each, difference])
+    return rows
+
+
+# --- what is told ---------------------------------------------------------------------------------------------------
+
+
+def cells(name: str, each: dict[str, float], difference: float, batch: int, substeps: int) -> list[str]:
+    """One line of the table."""
+    verdict = "–"
+    if "by hand" in each:
+        ratio = each["lanes"] / each["by hand"]
+        verdict = f"{ratio:.2f} × by hand, limit {NEAR_KERNEL}: {'holds' if ratio <= NEAR_KERNEL else 'MISSED'}"
+    if name == FULL and batch == 200 and substeps == 3:
+        verdict = f"limit {FULL_LAW_LIMIT} ms: {'holds' if each['lanes'] <= FULL_LAW_LIMIT else 'MISSED'}"
+    by_hand = f"{each['by hand']:.4f}" if "by hand" in each else "–"
+    milliseconds = [f"{each[who]:.4f}" for who in ("lanes", "misfit", "JAX")]
+    faster = f"{each['JAX'] / each['lanes']:.1f}"
+    return [f"{name}, {batch}, {substeps}", *milliseconds, by_hand, faster, f"{difference:.0e}", verdict]
+
+
+def main() -> None:
+    quick = common.is_quick(__doc__)
+    batches, substeps, repeats = ((50,), (1,), 1) if quick else (BATCHES, SUBSTEPS, 7)
+    by_hand, table = kernel_by_hand(), []
+    for count in substeps:
+        for batch in batches:
+            for name, each, difference in timed(batch, count, repeats, by_hand):
+                table.append(cells(name, each, difference, batch, count))
+                common.record_result(
+                    NAME, machine=common.machine("llvmlite", "numba"), quick=quick, law=name, batch=batch, substeps=count,
+                    ms_per_run=each, difference=difference,
+                )  # fmt: skip
+    header = (
+        "law, batch, substeps",
+        "lanes",
+        "lanes, misfit",
+        "JAX",
+        "by hand",
+        "times faster than JAX",
+        "difference",
+        "limits",
+    )
+    text = f"""## Compiled lanes
+
+Milliseconds of one run of {DURATION:g} s (4001 samples), median of {repeats} interleaved repeats, after compilation. "lanes" and "JAX"
+return histories of one velocity, "misfit" their sum of squared residuals alone. "by hand" is a Numba kernel of 16 runs
+innermost, of the plain law. The difference is the largest between the engines' histories, over the largest value.
+{engine()}: {lanes()} runs in a block, {processor()}. {common.machine("llvmlite", "numba")}.
+
+{common.markdown_table(header, table)}
+"""
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
