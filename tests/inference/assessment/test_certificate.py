@@ -5,7 +5,8 @@ import pytest
 import scipy.stats
 
 from structid.errors import InputError
-from structid.inference.assessment.certificate import Limits, StoredRuns, certify, smoothed_weights
+from structid.inference.assessment.certificate import Limits, StoredRuns, certify
+from structid.inference.assessment.pareto_smoothing import smoothed_weights
 
 pytestmark = pytest.mark.quick
 

@@ -7,13 +7,13 @@ where the surrogate's has mass. The true runs of all rounds, tempered draws amon
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
 from structid.errors import InputError
+from structid.inference.assessment.pareto_smoothing import smoothed_weights
 
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
@@ -274,52 +274,6 @@ def certify(
         verdict, tuple(reasons), draws, weights, k_hat, size, spread, shift, error, excess, within, failed, true_runs,
         limits, names,
     )  # fmt: skip
-
-
-def smoothed_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
-    """Pareto-smoothed importance weights and their tail index.
-
-    Parameters
-    ----------
-    log_ratios : ndarray, shape (draw,)
-        log w, −inf for a weight of zero.
-
-    Returns
-    -------
-    tuple of ndarray and float
-        Weights that sum to one, and k̂; −∞ where the weights are equal up to rounding.
-    """
-    count = len(log_ratios)
-    if not np.isfinite(log_ratios).any():
-        return np.full(count, 1.0 / count), float("inf")
-    finite = log_ratios[np.isfinite(log_ratios)]
-    if len(finite) == count and np.ptp(finite) < 1e-9:
-        return np.full(count, 1.0 / count), float("-inf")
-    # Weights of zero are no part of the tail, but PSIS wants numbers.
-    ratios = np.where(np.isfinite(log_ratios), log_ratios, finite.min() - 700.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        log_weights, k_hat = _psis(ratios - ratios.max())
-    weights = np.exp(log_weights - log_weights.max())
-    # Smoothing never gives weight to a failed run.
-    weights = np.where(np.isfinite(log_ratios), weights, 0.0)
-    return weights / weights.sum(), float(k_hat)
-
-
-def _psis(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
-    """ArviZ 0 smooths log weights; ArviZ 1 takes log likelihoods, whose negatives are the log weights of leave-one-out."""
-    try:
-        from arviz import psislw
-    except ImportError:
-        from arviz_stats.base import array_stats  # type: ignore[import-not-found]
-
-        try:
-            weights, k_hat = array_stats.psislw(-log_ratios)
-        except ValueError:  # a tail of equal weights, which ArviZ 1 refuses and ArviZ 0 answers with k̂ = ∞
-            weights, k_hat = log_ratios, float("inf")
-    else:
-        weights, k_hat = psislw(log_ratios)
-    return np.asarray(weights), float(k_hat)
 
 
 def _shift(draws: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

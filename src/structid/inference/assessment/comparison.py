@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from structid.errors import InputError
-from structid.inference.assessment.certificate import smoothed_weights
+from structid.inference.assessment.pareto_smoothing import smoothed_weights
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -160,11 +159,9 @@ def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
     tuple of float
         Bulk and tail ESS (Vehtari et al. 2021, doi 10.1214/20-BA1221).
     """
-    ranks = scipy.stats.rankdata(draws).reshape(draws.shape)
-    normal = scipy.stats.norm.ppf((ranks - 0.375) / (draws.size + 0.25))
     low, high = np.quantile(draws, [0.05, 0.95])
     tails = [effective_sample_size((draws <= q).astype(np.float64)) for q in (low, high)]
-    return effective_sample_size(normal), min(tails)
+    return effective_sample_size(normal_scores(draws)), min(tails)
 
 
 def r_hat(draws: np.ndarray) -> float:
@@ -185,12 +182,35 @@ def r_hat(draws: np.ndarray) -> float:
     steps, ensembles, walkers = draws.shape
     if ensembles < 2:
         return float("nan")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import arviz
+    # Step by step, so that the split into halves is a split in time.
+    chains, half = draws.transpose(1, 0, 2).reshape(ensembles, steps * walkers), steps * walkers // 2
+    halves = np.concatenate([chains[:, :half], chains[:, -half:]])
+    return max(_r_hat_of_scores(halves), _r_hat_of_scores(np.abs(halves - np.median(halves))))
 
-        # Step by step, so that the split into halves is a split in time.
-        return float(arviz.rhat(draws.transpose(1, 0, 2).reshape(ensembles, steps * walkers)))
+
+def _r_hat_of_scores(chains: np.ndarray) -> float:
+    """√{[(N − 1) W + B]/(N W)} of normal scores (chain, N): W their mean variance, B/N the variance of their means."""
+    scores, length = normal_scores(chains), chains.shape[1]
+    with np.errstate(all="ignore"):
+        ratio = length * scores.mean(axis=1).var(ddof=1) / scores.var(axis=1, ddof=1).mean()
+        return float(np.sqrt((length - 1.0 + ratio) / length))
+
+
+def normal_scores(draws: np.ndarray) -> np.ndarray:
+    """Normal quantiles of the ranks of draws, Φ⁻¹((rank − 3/8)/(S + 1/4)).
+
+    Parameters
+    ----------
+    draws : ndarray
+        Any shape; all are ranked together.
+
+    Returns
+    -------
+    ndarray
+        In the same shape.
+    """
+    ranks = scipy.stats.rankdata(draws).reshape(draws.shape)
+    return np.asarray(scipy.stats.norm.ppf((ranks - 0.375) / (draws.size + 0.25)))
 
 
 def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
