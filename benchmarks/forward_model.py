@@ -304,7 +304,8 @@ def ratio_rows(ms: dict[tuple[str, str], float]) -> list[list[str]]:
     limits = [
         (200, ("OpenSeesPy", "dt 0.01"), 1500), (200, ("OpenSeesPy, file recorder", "dt 0.01"), None),
         (200, ("SciPy RK45", "rtol 1e-3, max_step dt"), 5000), (2000, ("OpenSeesPy", "dt 0.01"), 1500),
-        (2000, ("OpenSeesPy, file recorder", "dt 0.01"), None), (200, ("Numba RK4, serial", label(1)), 10), (2000, ("Numba RK4, serial", label(1)), 10),
+        (2000, ("OpenSeesPy, file recorder", "dt 0.01"), None), (200, ("Numba RK4, serial", label(1)), 10),
+        (2000, ("Numba RK4, serial", label(1)), 10),
         (2000, ("Numba RK4, all cores", label(1)), None),
     ]  # fmt: skip
     rows = []

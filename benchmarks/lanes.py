@@ -6,7 +6,12 @@ should come near to. Histories are compared with JAX's. Run with ``python benchm
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
 from typing import Any
 
 import common
@@ -148,6 +153,43 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
     return rows
 
 
+# --- workers --------------------------------------------------------------------------------------------------------
+
+
+def cpu_seconds(rows: np.ndarray) -> float:
+    """Processor's time of this process, all threads together, for some runs; compiled and warm."""
+    model, record = oscillator("degrading", 3), common.study_record(DURATION, PGA)
+    model.simulate(rows[:8], record)
+    began = time.process_time()
+    model.simulate(rows, record)
+    return time.process_time() - began
+
+
+def worker_rows(runs: int) -> list[list[str]]:
+    """Processor's time of the same runs alone on one core, and in several kinds of workers."""
+    from distributed import Client, LocalCluster
+
+    parts = np.split(common.study_space().sample(runs, seed=2).values, 4)
+    os.environ["JAX_NUM_CPU_DEVICES"] = "1"
+    spent = {"one core": sum(map(cpu_seconds, parts))}
+    del os.environ["JAX_NUM_CPU_DEVICES"]
+    spent["all cores, one process"] = sum(map(cpu_seconds, parts))
+    for start in ("fork", "spawn"):
+        with ProcessPoolExecutor(2, multiprocessing.get_context(start)) as pool:
+            spent[f"two processes, {start}"] = sum(pool.map(cpu_seconds, parts))
+    # The workers are to find what this file imports.
+    os.environ["PYTHONPATH"] = str(Path(__file__).parent)
+    with (
+        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        spent["two Dask workers"] = sum(client.gather(client.map(cpu_seconds, parts)))
+    alone = spent["one core"]
+    return [
+        [who, f"{cpu:.2f}", f"{cpu / alone:.2f}", "-" if who == "one core" else "1.1"] for who, cpu in spent.items()
+    ]
+
+
 # --- what is told ---------------------------------------------------------------------------------------------------
 
 
@@ -177,6 +219,7 @@ def main() -> None:
                     NAME, machine=common.machine("llvmlite", "numba"), quick=quick, law=name, batch=batch, substeps=count,
                     ms_per_run=each, difference=difference,
                 )  # fmt: skip
+    workers = 400 if quick else 8000
     header = (
         "law, batch, substeps",
         "lanes",
@@ -189,12 +232,17 @@ def main() -> None:
     )
     text = f"""## Compiled lanes
 
-Milliseconds of one run of {DURATION:g} s (4001 samples), median of {repeats} interleaved repeats, after compilation. "lanes" and "JAX"
-return histories of one velocity, "misfit" their sum of squared residuals alone. "by hand" is a Numba kernel of 16 runs
-innermost, of the plain law. The difference is the largest between the engines' histories, over the largest value.
+Milliseconds of one run of {DURATION:g} s (4001 samples), median of {repeats} interleaved repeats, after compilation.
+"lanes" and "JAX" return histories of one velocity, "misfit" their sum of squared residuals alone. "by hand" is a
+Numba kernel of 16 runs innermost, of the plain law. The difference is the largest between the engines' histories,
+over the largest value.
 {engine()}: {lanes()} runs in a block, {processor()}. {common.machine("llvmlite", "numba")}.
 
 {common.markdown_table(header, table)}
+
+Processor's time of {workers} runs of the degrading oscillator, three substeps, in workers:
+
+{common.markdown_table(("where", "CPU seconds", "over one core", "limit"), worker_rows(workers))}
 """
     common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
     print(text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 from pathlib import Path
 
@@ -23,9 +24,11 @@ def cores_to_use() -> int:
     Returns
     -------
     int
-        The environment variable JAX_NUM_CPU_DEVICES, which worker processes have at 1, else all that are available.
+        The environment variable JAX_NUM_CPU_DEVICES; without it, 1 in a process that another one of Python's has started, such as a
+        worker of a pool or of Dask, which has neighbours; else all that are available.
     """
-    return max(int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores())), 1)
+    alone = multiprocessing.parent_process() is None
+    return max(int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores() if alone else 1)), 1)
 
 
 def cache_folder(name: str) -> Path:

@@ -19,6 +19,9 @@ from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 
+KEPT_EXCITATIONS = 8
+"""Excitations that a model keeps prepared; `InLanes` keeps as many compiled."""
+
 
 @dataclass(frozen=True)
 class TracedExcitation:
@@ -228,7 +231,17 @@ class TraceableModel(Model):
         TracedExcitation
             With the values that this model's integration needs.
         """
-        return TracedExcitation.of(excitation, self.substeps, self.own_records)
+        kept, key = self._traced_excitations, excitation.content_hash
+        if key not in kept:
+            if len(kept) >= KEPT_EXCITATIONS:
+                kept.pop(next(iter(kept)))
+            kept[key] = TracedExcitation.of(excitation, self.substeps, self.own_records)
+        return kept[key]
+
+    @cached_property
+    def _traced_excitations(self) -> dict[str, TracedExcitation]:
+        """By content hash: for the same one a compiled response is found again."""
+        return {}
 
     def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> Shortcut | None:
         """Give a shorter way to the likelihood of measurements, for a model that has one.

@@ -353,6 +353,10 @@ class Posterior(Target):
             return None
         return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Code for this process's memory stays here.
+        return {name: value for name, value in self.__dict__.items() if name != "_in_lanes"}
+
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
 

@@ -54,6 +54,10 @@ class InLanes:
         self._by_jax_with_signals: dict[Any, Any] = {}
         self.why_not = why_not()
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A process that is sent a model compiles it for itself, or finds what this one compiled on disk.
+        return InLanes, (self._function, self._run_axes, self._shard)
+
     def __call__(self, theta: np.ndarray, *constants: Any, signals: Signals | None = None) -> Any:
         """Call the function.
 
