@@ -134,6 +134,8 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
     theta = space.sample(batch, seed=1).values
     rows = []
     for name, model in models(substeps).items():
+        if batch == BATCHES[-1] and name not in LAWS:
+            continue  # JAX takes minutes
         traced, jax_alone = model.traced(record), over_runs(model.response, (2, 0))
         in_lanes, expected = model.simulate(theta, record).values, jax_alone(theta, traced)[0]
         difference = np.abs(np.moveaxis(expected, 2, 0) - in_lanes).max() / np.abs(in_lanes).max()
@@ -209,7 +211,7 @@ def cells(name: str, each: dict[str, float], difference: float, batch: int, subs
 
 def main() -> None:
     quick = common.is_quick(__doc__)
-    batches, substeps, repeats = ((50,), (1,), 1) if quick else (BATCHES, SUBSTEPS, 7)
+    batches, substeps, repeats = ((50,), (1,), 1) if quick else (BATCHES, SUBSTEPS, 3)
     by_hand, table = kernel_by_hand(), []
     for count in substeps:
         for batch in batches:

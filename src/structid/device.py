@@ -66,6 +66,26 @@ def padded_size(runs: int) -> int:
     return step * math.ceil(runs / step)
 
 
+BATCH_SIZES = (16, 64, 256, 512)
+"""Sizes that a function which is not a loop over time is compiled for: a call is cheap, compiling one more size is not."""
+
+
+def few_sizes(runs: int) -> int:
+    """Round a number of runs up to one of `BATCH_SIZES`, or to a multiple of the largest.
+
+    Parameters
+    ----------
+    runs : int
+        How many there are.
+
+    Returns
+    -------
+    int
+        That many or more.
+    """
+    return next((size for size in BATCH_SIZES if runs <= size), -(-runs // BATCH_SIZES[-1]) * BATCH_SIZES[-1])
+
+
 def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
     """Compile a function of arrays with a leading run axis, and share that axis out over the devices.
 
@@ -103,7 +123,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
     def call(theta: Any, *constants: Any) -> Any:
         theta = np.asarray(theta, dtype=np.float64)
         count = len(theta)
-        missing = padded_size(count) - count
+        missing = (padded_size if shard else few_sizes)(count) - count
         if missing:
             theta = np.concatenate([theta, np.repeat(theta[-1:], missing, axis=0)])
         result = compiled(theta, constants)
@@ -128,4 +148,4 @@ def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
     return whole[..., :count]
 
 
-__all__ = ["jnp", "mesh", "over_runs", "padded_size"]
+__all__ = ["BATCH_SIZES", "few_sizes", "jnp", "mesh", "over_runs", "padded_size"]

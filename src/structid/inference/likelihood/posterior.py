@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from structid.channels import check_channels
-from structid.device import jnp
+from structid.device import BATCH_SIZES, jnp
 from structid.errors import InputError
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
@@ -25,7 +25,7 @@ from structid.inference.likelihood.observation import Observation
 from structid.inference.target import Target
 from structid.journal import digest
 from structid.mechanics.lanes.in_lanes import InLanes
-from structid.models.face import Map, Model, Progress
+from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 from structid.probability.space import Design, ParameterSpace
 
 
@@ -272,7 +272,8 @@ class Posterior(Target):
         """Log prior, log-likelihood and failure of every run."""
         theta = self.likelihood.points(theta)
         if self.model.traceable:
-            prior, likelihood, failed = in_batches(self._compiled, theta, self.data)
+            size = LARGEST_BATCH if self.likelihood.loops_over_time else BATCH_SIZES[-1]
+            prior, likelihood, failed = in_batches(self._compiled, theta, self.data, size)
             return prior, likelihood, failed
         prior = self.space.log_density(theta)
         return prior, *self.likelihood.on_host(theta, np.isfinite(prior))
