@@ -48,6 +48,22 @@ class Fold(NamedTuple):
         return self.value(sums)
 
 
+def sum_of_squares(nothing: Any) -> Fold:
+    """Fold samples into Σ x².
+
+    Parameters
+    ----------
+    nothing : array
+        Zeros in the shape of a sample.
+
+    Returns
+    -------
+    Fold
+        Of that shape.
+    """
+    return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
+
+
 class TimeLoop(NamedTuple):
     """A loop over the rows of a record, for many runs at once, inside JAX.
 

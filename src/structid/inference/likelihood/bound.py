@@ -18,7 +18,7 @@ from structid.device import jnp
 from structid.errors import Status
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.observation import Observation
-from structid.mechanics.time_loop import Fold, TimeLoop
+from structid.mechanics.time_loop import TimeLoop, sum_of_squares
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.probability.truncation import Marginal
@@ -267,8 +267,7 @@ class BoundLikelihood:
             response, finite = self._traceable.response(parameters, measured.excitation)
             return ((measured.values - self.shown(response, theta)) ** 2).sum(axis=0), finite
         nothing = jnp.zeros((len(self.channels), theta.shape[0]))
-        fold = Fold(nothing, lambda sums, residual: sums + residual**2, lambda sums: sums)
-        return loop.folded(fold, measured.values, self._residual(theta))
+        return loop.folded(sum_of_squares(nothing), measured.values, self._residual(theta))
 
     def _loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
         """The loop over time that gives the response sample by sample; None where it is wanted whole, or is no loop."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.device import jnp
 from structid.mechanics.lanes.in_lanes import InLanes
-from structid.mechanics.time_loop import Fold, TimeLoop, with_sensitivities
+from structid.mechanics.time_loop import Fold, TimeLoop, sum_of_squares, with_sensitivities
 from structid.surrogates.narx.recursion import UNROLLED, Recursion
 from structid.surrogates.narx.training_set import TrainingSet
 
@@ -55,7 +55,7 @@ class FreeRun:
 
     def _errors(self, rows: Any, signals: Any) -> Any:
         """Σ(y − ŷ)² (output, run)."""
-        squares = Fold(_zeros(rows, len(self.recursion.outputs)), lambda sums, r: sums + r**2, lambda sums: sums)
+        squares = sum_of_squares(_zeros(rows, len(self.recursion.outputs)))
         return self._loop(rows.T, signals).folded(squares, signals[:-1], self._residual)[0]
 
     def _normal(self, rows: Any, signals: Any) -> tuple[Any, Any]:
