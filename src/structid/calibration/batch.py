@@ -80,9 +80,10 @@ def fresh_draws(posterior: Posterior, particles: Block, count: int, rng: np.rand
     phi = phi[rng.permutation(len(phi))]
     # Particles that were drawn twice and have not moved since are one: a point is run once.
     distinct = np.sort(np.unique(phi, axis=0, return_index=True)[1])
-    theta, _ = posterior.bijection(phi[distinct[:count]])
+    theta, jacobian = posterior.bijection(phi[distinct[:count]])
+    log_density, _ = posterior.evaluate(phi[distinct[:count]])
     others = np.empty((0, posterior.model_space.dimension))
-    return Batch(theta, posterior.log_density(theta), others)
+    return Batch(theta, log_density - jacobian, others)
 
 
 def next_batch(

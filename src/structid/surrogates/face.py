@@ -13,6 +13,7 @@ from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
 
+from structid.array_module import namespace
 from structid.errors import InputError, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
@@ -22,7 +23,6 @@ from structid.models.traceable import TraceableModel
 from structid.probability.space import Design
 from structid.runs import Runs
 from structid.surrogates import storage
-from structid.surrogates.array_module import namespace
 from structid.surrogates.fit import Fit, run_digests
 from structid.surrogates.validation import Validation, validate
 

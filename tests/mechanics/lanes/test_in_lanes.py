@@ -56,6 +56,12 @@ def test_another_record_is_another_record():
     np.testing.assert_array_equal(ours(ROWS[:3], RECORD)[0], first)
 
 
+def test_a_longer_record_needs_no_other_code():
+    ours = InLanes(oscillation, (2, 0))
+    texts = {ours.compiled(2, (np.sin(0.1 * np.arange(samples)),)).kernel.text for samples in (200, 3000)}
+    assert len(texts) == 1
+
+
 def test_a_run_that_diverges_is_found_in_its_lane_alone():
     rows = np.tile([[0.0, 0.0]], (16, 1))
     rows[5] = [20.0, 0.0]

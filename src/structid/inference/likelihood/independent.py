@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.device import jnp
+from structid.array_module import namespace
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
@@ -139,7 +139,7 @@ class IID(Discrepancy):
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
-        variance = self.variances(unknown, channels, residual.shape[2], jnp) + white
+        variance = self.variances(unknown, channels, residual.shape[2], namespace(residual)) + white
         return _normal_log_density((residual**2).sum(axis=0), residual.shape[0], variance)
 
     def log_likelihood_of_squares(
@@ -163,7 +163,8 @@ class IID(Discrepancy):
         jax.Array, shape (run,)
             Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²).
         """
-        return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], jnp))
+        numpy = namespace(squares)
+        return _normal_log_density(squares, samples, self.variances(unknown, channels, squares.shape[1], numpy))
 
     def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Log density of every observation; see `Discrepancy.pointwise`.
@@ -184,8 +185,9 @@ class IID(Discrepancy):
         jax.Array, shape (time, channel, run)
             −½ log(2πσ²) − r²/(2σ²).
         """
-        variance = self.variances(unknown, channels, residual.shape[2], jnp)
-        return -0.5 * jnp.log(2.0 * jnp.pi * variance) - 0.5 * residual**2 / variance
+        numpy = namespace(residual)
+        variance = self.variances(unknown, channels, residual.shape[2], numpy)
+        return -0.5 * numpy.log(2.0 * np.pi * variance) - 0.5 * residual**2 / variance
 
     def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
         """Divide by σ; see `Discrepancy.whiten`.
@@ -206,7 +208,8 @@ class IID(Discrepancy):
         jax.Array, shape (time, channel, run)
             r/σ.
         """
-        return residual / jnp.sqrt(self.variances(unknown, channels, residual.shape[2], jnp))
+        numpy = namespace(residual)
+        return residual / numpy.sqrt(self.variances(unknown, channels, residual.shape[2], numpy))
 
     def draw(
         self,
@@ -262,7 +265,8 @@ class IID(Discrepancy):
 
 def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
     """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
-    return (-0.5 * samples * jnp.log(2.0 * jnp.pi * variance) - 0.5 * squares / variance).sum(axis=0)
+    logarithm = namespace(variance).log(2.0 * np.pi * variance)
+    return (-0.5 * samples * logarithm - 0.5 * squares / variance).sum(axis=0)
 
 
 IID_KIND = LawKind(IID, "iid", {"variance": SQUARED}, {"per_channel": (bool, True)})

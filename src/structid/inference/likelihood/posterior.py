@@ -349,8 +349,8 @@ class Posterior(Target):
 
     @cached_property
     def _in_lanes(self) -> Callable[[np.ndarray], Any] | None:
-        """The density in unconstrained coordinates, bijection included, for a model that runs in lanes."""
-        if not (self.model.traceable and self.likelihood.loops_over_time):
+        """The density in unconstrained coordinates, bijection included, where it can be compiled in lanes."""
+        if not self.model.traceable:
             return None
         return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
 

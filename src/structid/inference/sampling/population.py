@@ -289,11 +289,13 @@ def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> floa
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
     usable = int(np.isfinite(likelihood).sum())
 
+    below_best = likelihood - likelihood.max(axis=1, keepdims=True)
+
     def lacking(log_increment: float) -> float:
-        weights = np.exp(log_increment) * likelihood
+        weights = np.exp(np.exp(log_increment) * below_best)
         # The mean over the populations: none of them decides alone.
-        size = 2.0 * logsumexp(weights, axis=1) - logsumexp(2.0 * weights, axis=1)
-        return float(logsumexp(size) - np.log(usable) - np.log(share))
+        size = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
+        return float(np.log(size.sum() / (usable * share)))
 
     largest = np.log(1.0 - exponent)
     if lacking(largest) >= 0.0:

@@ -15,9 +15,11 @@ from structid.device import jnp, over_runs, padded_size
 from structid.mechanics.lanes.blocks import on_all_cores
 from structid.mechanics.lanes.kernel import ENTRY, Kernel, kernel
 from structid.mechanics.lanes.machine import lanes, load, why_not
+from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.primitives import UntranslatableError
+from structid.mechanics.lanes.row_by_row import row_by_row
 from structid.mechanics.lanes.signals import Signals
-from structid.mechanics.lanes.splitting import by_jax, foreign_results, inlined
+from structid.mechanics.lanes.splitting import by_jax, foreign_results
 from structid.mechanics.lanes.translation import History
 
 KEPT = 8
@@ -145,10 +147,11 @@ class _Bound:
     ) -> None:
         shapes_of_one = [(1, parameters)] if signals is None else [(1, parameters), (*signals, 1)]
         one_run = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes_of_one]
-        traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *constants), return_shape=True)(*one_run)
+        with row_by_row():
+            traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *constants), return_shape=True)(*one_run)
         leaves, self._tree = jax.tree.flatten(shapes)
         axes = jax.tree.map(lambda _: run_axes, shapes) if isinstance(run_axes, int) else run_axes
-        flat = inlined(traced)
+        flat = Function.inlined(traced)
         foreign = foreign_results(flat)
         self._foreign = by_jax(flat, foreign) if foreign else None
         self.kernel: Kernel = kernel(flat, lanes(), foreign)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jax.extend.core import ClosedJaxpr
 
+from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.translation import History, Translator, Value
 from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
 
@@ -51,12 +51,12 @@ class Kernel:
     histories: int
 
 
-def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Kernel:
+def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
     """Write a function of one run as one of many.
 
     Parameters
     ----------
-    function : ClosedJaxpr
+    function : Function
         Of the numbers of one run and, where runs have them, of its signals (time, signal, 1).
     width : int
         Runs in a block.
@@ -74,7 +74,7 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
         If something in it has no vector code.
     """
     code = VectorCode(width)
-    theta, *signals = function.in_avals
+    theta, *signals = (v.aval for v in function.invars)
     translator = Translator(code, sum(math.prod(aval.shape) for aval in signals))
     outputs: list[History | tuple[int, ...]] = []
     taken, written = 0, 0
@@ -107,4 +107,4 @@ def kernel(function: ClosedJaxpr, width: int, foreign: Sequence[Any] = ()) -> Ke
             outputs.append(numbers.shape)
     body = "\n".join([*code.entry, *code.lines])
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind {{\n{body}\n  ret void\n}}\n"
-    return Kernel(text, width, translator.shared, tuple(outputs), taken, written, translator.rows)
+    return Kernel(text, width, translator.shared.values, tuple(outputs), taken, written, translator.rows)

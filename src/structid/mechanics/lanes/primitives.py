@@ -301,29 +301,32 @@ def _times(code: VectorCode, a: Number, b: Number) -> Number:
     return code.operation(f"fmul {FLAGS}", [a, b])
 
 
-def all_over(code: VectorCode, parameters: Parameters, x: Array) -> Array:
-    """Whether all numbers along axes are true.
+def truth_over(words: str) -> Callable[..., Array]:
+    """Join truths along axes.
 
     Parameters
     ----------
-    code : VectorCode
-        Where it is written.
-    parameters : mapping
-        Of the primitive.
-    x : ndarray
-        The array.
+    words : {"and", "or"}
+        Whether all must be true, or one.
 
     Returns
     -------
-    ndarray
-        One truth for each of the others.
+    callable
+        ``function(code, parameters, x)``: one truth for each of the other places of `x`.
     """
-    return _reduced(parameters, x, lambda row: functools.reduce(lambda a, b: code.operation("and", [a, b], "i1"), row))
+
+    def joined(code: VectorCode, parameters: Parameters, x: Array) -> Array:
+        return _reduced(
+            parameters, x, lambda row: functools.reduce(lambda a, b: code.operation(words, [a, b], "i1"), row)
+        )
+
+    return joined
 
 
 REDUCTION: dict[str, Callable[..., Array]] = {
     "reduce_sum": sum_over,
-    "reduce_and": all_over,
+    "reduce_and": truth_over("and"),
+    "reduce_or": truth_over("or"),
     "dot_general": product_of_matrices,
 }
 """What a primitive does with whole arrays in arithmetic: ``function(code, parameters, *arrays)``."""

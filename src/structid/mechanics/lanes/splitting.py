@@ -7,54 +7,24 @@ from typing import Any
 
 import jax
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Literal
+from jax.extend.core import Literal
 
 from structid.device import jnp
+from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, UntranslatableError
-from structid.mechanics.lanes.translation import CALLS, MOVES
+from structid.mechanics.lanes.translation import MOVES
 
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
 
 
-def inlined(function: ClosedJaxpr) -> ClosedJaxpr:
-    """Write the functions that a function calls in the places where it calls them.
-
-    Parameters
-    ----------
-    function : ClosedJaxpr
-        The function.
-
-    Returns
-    -------
-    ClosedJaxpr
-        The same, with operations only. What a loop does in each pass stays as it is.
-    """
-    return jax.make_jaxpr(lambda *arguments: _evaluated(function, arguments))(*function.in_avals)
-
-
-def _evaluated(function: ClosedJaxpr, arguments: Sequence[Any]) -> list[Any]:
-    body = function.jaxpr
-    known = dict(zip([*body.constvars, *body.invars], [*function.consts, *arguments], strict=True))
-    for equation in body.eqns:
-        taken = [atom.val if isinstance(atom, Literal) else known[atom] for atom in equation.invars]
-        inner = CALLS.get(equation.primitive.name)
-        if inner:
-            made = _evaluated(equation.params[inner], taken)
-        else:
-            made = equation.primitive.bind(*taken, **equation.params)
-            made = made if equation.primitive.multiple_results else [made]
-        known.update(zip(equation.outvars, made, strict=True))
-    return [atom.val if isinstance(atom, Literal) else known[atom] for atom in body.outvars]
-
-
-def foreign_results(function: ClosedJaxpr) -> list[Any]:
+def foreign_results(function: Function) -> list[Any]:
     """Find results of operations on a run's numbers that have no vector code.
 
     Parameters
     ----------
-    function : ClosedJaxpr
-        The function, inlined.
+    function : Function
+        The function.
 
     Returns
     -------
@@ -66,9 +36,11 @@ def foreign_results(function: ClosedJaxpr) -> list[Any]:
     UntranslatableError
         If such an operation comes after a loop over time, or nothing in the function is one.
     """
-    of_run, after_loop, foreign = set(function.jaxpr.invars), set(), set()
-    signals, loops = set(function.jaxpr.invars[1:]), 0
-    for equation in function.jaxpr.eqns:
+    of_run: set[Any] = set(function.invars)
+    after_loop: set[Any] = set()
+    foreign: set[Any] = set()
+    signals, loops = set(function.invars[1:]), 0
+    for equation in function.eqns:
         taken = [atom for atom in equation.invars if not isinstance(atom, Literal)]
         if not of_run.intersection(taken):
             continue
@@ -82,9 +54,9 @@ def foreign_results(function: ClosedJaxpr) -> list[Any]:
             continue
         if after_loop.intersection(taken):
             after_loop.update(equation.outvars)
-            if _is_foreign(equation) and equation.primitive.name not in MOVES:
+            if _is_foreign(equation, of_run) and equation.primitive.name not in MOVES:
                 raise UntranslatableError(f"'{equation.primitive.name}' after the loop over time")
-        elif _is_foreign(equation):
+        elif _is_foreign(equation, of_run):
             if signals.intersection(taken):
                 raise UntranslatableError(f"'{equation.primitive.name}' of signals")
             foreign.update(equation.outvars)
@@ -93,28 +65,30 @@ def foreign_results(function: ClosedJaxpr) -> list[Any]:
     return _needed(function, foreign)
 
 
-def _is_foreign(equation: Any) -> bool:
+def _is_foreign(equation: Any, of_run: set[Any]) -> bool:
     name = equation.primitive.name
+    if name == "gather":
+        return equation.invars[1] in of_run
     sizes = [int(np.prod(v.aval.shape)) for v in (*equation.invars, *equation.outvars)]
     return (name not in ARITHMETIC and name not in ARRANGEMENT and name not in REDUCTION) or max(sizes) > LARGEST
 
 
-def _needed(function: ClosedJaxpr, foreign: set[Any]) -> list[Any]:
+def _needed(function: Function, foreign: set[Any]) -> list[Any]:
     """Foreign results that others than foreign operations use."""
-    needed = {atom for atom in function.jaxpr.outvars if not isinstance(atom, Literal)}
-    for equation in function.jaxpr.eqns:
+    needed = {atom for atom in function.outvars if not isinstance(atom, Literal)}
+    for equation in function.eqns:
         if not foreign.intersection(equation.outvars):
             needed.update(atom for atom in equation.invars if not isinstance(atom, Literal))
-    return [v for e in function.jaxpr.eqns for v in e.outvars if v in foreign and v in needed]
+    return [v for e in function.eqns for v in e.outvars if v in foreign and v in needed]
 
 
-def by_jax(function: ClosedJaxpr, results: Sequence[Any]) -> Callable[[np.ndarray], np.ndarray]:
+def by_jax(function: Function, results: Sequence[Any]) -> Callable[[np.ndarray], np.ndarray]:
     """Compile what leads to some results of a function of one run, for many.
 
     Parameters
     ----------
-    function : ClosedJaxpr
-        The function of θ, shape (1, parameter), inlined.
+    function : Function
+        Of θ, shape (1, parameter).
     results : sequence of Var
         What is wanted.
 
@@ -124,15 +98,14 @@ def by_jax(function: ClosedJaxpr, results: Sequence[Any]) -> Callable[[np.ndarra
         From θ (run, parameter) to the numbers of all results, shape (number, run).
     """
     wanted, steps = set(results), []
-    for equation in reversed(function.jaxpr.eqns):
+    for equation in reversed(function.eqns):
         if wanted.intersection(equation.outvars):
             steps.append(equation)
             wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
     steps.reverse()
 
     def of_one_run(theta: Any) -> Any:
-        body = function.jaxpr
-        known = dict(zip([*body.constvars, body.invars[0]], [*function.consts, theta[None]], strict=True))
+        known = dict(zip([*function.constvars, function.invars[0]], [*function.consts, theta[None]], strict=True))
         for equation in steps:
             taken = [atom.val if isinstance(atom, Literal) else known[atom] for atom in equation.invars]
             made = equation.primitive.bind(*taken, **equation.params)

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jax.extend.core import ClosedJaxpr, Literal
+from jax.extend.core import Literal
 
+from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
+from structid.mechanics.lanes.shared_numbers import SharedNumbers
 from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
-
-CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
-"""Primitives that stand for a function, and the parameter that holds it."""
 
 IN_NUMPY: dict[str, Callable[..., Any]] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
@@ -26,7 +26,10 @@ LARGEST_ARRAY = 4096
 
 
 LARGEST_ROW = 256
-"""Largest part of a history whose numbers are operated on one by one."""
+"""Largest part of a history, or row of a shared array, whose numbers are operated on one by one."""
+
+LONGEST_UNROLLED = 16
+"""Passes of a loop that stays what it is in the text; those of longer ones are given to the kernel."""
 
 MOVES = {"slice", "squeeze", "reshape"}
 """Operations on a whole history that only say where its numbers are."""
@@ -43,6 +46,22 @@ class Shared:
     """
 
     values: np.ndarray
+
+
+@dataclass(frozen=True)
+class SharedRow:
+    """A row of an array that all runs share, such as one that a loop inside a loop goes through.
+
+    Parameters
+    ----------
+    place : str
+        Name of the place of its first number.
+    shape : tuple of int
+        Its shape.
+    """
+
+    place: str
+    shape: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -64,8 +83,8 @@ class History:
     given: bool = False
 
 
-Value = np.ndarray | Shared | History
-"""Constants that stand in the text, numbers shared by all runs, numbers in registers, or a history."""
+Value = np.ndarray | Shared | SharedRow | History
+"""Constants that stand in the text, numbers shared by all runs or a row of them, numbers in registers, or a history."""
 
 
 class Translator:
@@ -82,31 +101,26 @@ class Translator:
     ----------
     rows : int
         Rows of the buffer of histories taken so far.
+    shared : SharedNumbers
+        Numbers that all runs share.
     block, column : str
         Names of the number of the block that is under way, and of that of its first run.
     """
 
     def __init__(self, code: VectorCode, signals: int = 0) -> None:
         self.code, self.rows, self._signals = code, 0, signals
-        self._tables: list[np.ndarray] = []
-        self._offsets: dict[bytes, int] = {}
-        self._loaded: dict[int, Register] = {}
+        self.shared = SharedNumbers(code)
         self._depth = 0
         self.block = self.column = "0"
 
-    @property
-    def shared(self) -> np.ndarray:
-        """Every number that all runs share, one after the other."""
-        return np.concatenate(self._tables) if self._tables else np.zeros(1)
-
     def function(
-        self, function: ClosedJaxpr, arguments: Sequence[Value], given: Mapping[Any, Value] | None = None
+        self, function: Function, arguments: Sequence[Value], given: Mapping[Any, Value] | None = None
     ) -> list[Value]:
         """Write a function.
 
         Parameters
         ----------
-        function : ClosedJaxpr
+        function : Function
             The function.
         arguments : sequence of Value
             What it is given.
@@ -124,16 +138,15 @@ class Translator:
             If something in it has no vector code.
         """
         consts = [c if isinstance(c, (Shared, History)) else Shared(np.asarray(c)) for c in function.consts]
-        body = function.jaxpr
-        known: dict[Any, Value] = dict(zip([*body.constvars, *body.invars], [*consts, *arguments], strict=True))
+        known: dict[Any, Value] = dict(zip([*function.constvars, *function.invars], [*consts, *arguments], strict=True))
         known.update(given or {})
 
         def read(atom: Any) -> Value:
             return np.asarray(atom.val) if isinstance(atom, Literal) else known[atom]
 
         # Backwards, so that nothing is written that only leads to what is given.
-        wanted, steps = {v for v in body.outvars if not isinstance(v, Literal)}, []
-        for equation in reversed(body.eqns):
+        wanted, steps = {v for v in function.outvars if not isinstance(v, Literal)}, []
+        for equation in reversed(function.eqns):
             if not known.keys() >= wanted.intersection(equation.outvars):
                 steps.append(equation)
                 wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
@@ -141,18 +154,18 @@ class Translator:
             taken = [read(atom) for atom in equation.invars]
             made = self._operation(equation.primitive, equation.params, taken)
             known.update(zip(equation.outvars, made, strict=True))
-        return [read(atom) for atom in body.outvars]
+        return [read(atom) for atom in function.outvars]
 
     def _operation(self, primitive: Any, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
         name = primitive.name
-        if name in CALLS:
-            return self.function(parameters[CALLS[name]], taken)
         if all(_is_known(x) for x in taken):
             return _computed_now(primitive, parameters, taken)
         if name == "scan":
             return self._loop(parameters, taken)
         if isinstance(taken[0], History) and name in MOVES:
             return [_part_of_history(name, parameters, taken[0])]
+        if name == "gather" and _is_known(taken[1]):
+            return [_gathered(primitive, parameters, self.numbers(taken[0]), _known_values(taken[1]))]
         arrays = [self.numbers(x) for x in taken]
         if name in ARITHMETIC:
             return [_elementwise(ARITHMETIC[name], self.code, parameters, arrays)]
@@ -161,17 +174,6 @@ class Translator:
         if name in REDUCTION:
             return [np.asarray(REDUCTION[name](self.code, parameters, *arrays), dtype=object)]
         raise UntranslatableError(f"the operation '{name}'")
-
-    # --- numbers that all runs share ----------------------------------------------------------------------------
-
-    def _offset(self, values: np.ndarray) -> int:
-        """Place of an array in the table of shared numbers, in which equal arrays stand once."""
-        flat = np.ascontiguousarray(values, dtype=np.float64).reshape(-1)
-        key = flat.tobytes()
-        if key not in self._offsets:
-            self._offsets[key] = sum(len(t) for t in self._tables)
-            self._tables.append(flat)
-        return self._offsets[key]
 
     def numbers(self, value: Value) -> Array:
         """Numbers of an array, to be operated on one by one.
@@ -192,20 +194,16 @@ class Translator:
             return self._row_of_history(History(value.first, (1, *value.shape), value.given), "0").reshape(value.shape)
         if isinstance(value, np.ndarray):
             return value
+        if isinstance(value, SharedRow):
+            if _size(value) > LARGEST_ROW:
+                raise UntranslatableError("arithmetic on a long row of an array")
+            return _array(self.shared.at(value.place, _size(value)), value.shape)
         if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
             raise UntranslatableError(f"an array of {value.values.size} numbers of kind {value.values.dtype}")
-        first, found = self._offset(value.values), np.empty(value.values.size, dtype=object)
-        for index in range(len(found)):
-            number = self._load_shared(first + index)
-            found[index] = (
-                self.code.operation("fcmp une", [number, 0.0], result="i1") if value.values.dtype == bool else number
-            )
-        return found.reshape(value.values.shape)
-
-    def _load_shared(self, offset: int) -> Register:
-        if offset not in self._loaded:
-            self._loaded[offset] = self.code.load_once("%shared", offset)
-        return self._loaded[offset]
+        found = self.shared.loaded(value.values)
+        if value.values.dtype == np.bool_:
+            found = [self.code.operation("fcmp une", [number, 0.0], result="i1") for number in found]
+        return _array(found, value.values.shape)
 
     # --- loops --------------------------------------------------------------------------------------------------
 
@@ -223,10 +221,12 @@ class Translator:
         state = [_Slots(self.code, self.numbers(x)) for x in start]
         tables = [self._series(x) for x in series]
         kept = [self._history(length, aval.shape) for aval in parameters["jaxpr"].out_avals[carried:]]
+        of_a_pass = Function.inlined(parameters["jaxpr"])
         self._depth += 1
-        with self.code.loop(length) as at:
+        # Other records need no other code. Short loops are unrolled, so their length stays in the text.
+        with self.code.loop(self.shared.length(length) if length > LONGEST_UNROLLED else length) as at:
             rows = [table(at) for table in tables]
-            made = self.function(parameters["jaxpr"], [*fixed, *(s.read() for s in state), *rows])
+            made = self.function(of_a_pass, [*fixed, *(s.read() for s in state), *rows])
             for history, value in zip(kept, made[carried:], strict=True):
                 self._keep(history, at, self.numbers(value))
             for slots, value in zip(state, made[:carried], strict=True):
@@ -234,26 +234,28 @@ class Translator:
         self._depth -= 1
         return [*(s.read() for s in state), *kept]
 
-    def _series(self, value: Value) -> Callable[[str], Array]:
-        """Return the function that loads a row of what a loop goes through."""
+    def _series(self, value: Value) -> Callable[[str], Value]:
+        """Return the function that gives a row of what a loop goes through."""
         if isinstance(value, History):
             return lambda at: self._row_of_history(value, at)
         if isinstance(value, np.ndarray) and value.dtype == object:
             if value.size > LARGEST_ARRAY:
                 raise UntranslatableError(f"a loop through {value.size} numbers of each run")
             return _Table(self.code, value).row
-        values = value.values if isinstance(value, Shared) else value
-        if values.dtype != np.float64:
-            raise UntranslatableError(f"a loop through numbers of kind {values.dtype}")
-        first, shape = self._offset(values), values.shape[1:]
-        return lambda at: self._row_of_table(first, shape, at)
+        if isinstance(value, SharedRow):
+            first, shape = value.place, value.shape[1:]
+        else:
+            values = value.values if isinstance(value, Shared) else value
+            if values.dtype != np.float64:
+                raise UntranslatableError(f"a loop through numbers of kind {values.dtype}")
+            first, shape = self.shared.place(values), values.shape[1:]
 
-    def _row_of_table(self, first: int, shape: tuple[int, ...], at: str) -> Array:
-        code, count = self.code, int(np.prod(shape))
-        row = code.whole("add", code.whole("mul", at, count), first)
-        return _array(
-            [code.load(code.address("%shared", code.whole("add", row, i)), lanes=False) for i in range(count)], shape
-        )
+        def row(at: str) -> Value:
+            place = self.code.whole("add", first, self.code.whole("mul", at, math.prod(shape)))
+            found = SharedRow(place, shape)
+            return found if _size(found) > LARGEST_ROW else self.numbers(found)
+
+        return row
 
     def _history(self, length: int, shape: tuple[int, ...]) -> History:
         if self._depth:
@@ -267,7 +269,7 @@ class Translator:
         code, count = self.code, int(np.prod(history.shape[1:]))
         row = code.whole("add", code.whole("mul", at, count), history.first)
         if history.given:
-            before = code.whole("mul", self.block, self._signals)
+            before = code.whole("mul", self.block, self.shared.length(self._signals))
             first, each = code.whole("mul", code.whole("add", before, row), code.width), str(code.width)
         else:
             first, each = code.whole("add", code.whole("mul", row, "%stride"), self.column), "%stride"
@@ -299,9 +301,21 @@ def _size(value: Value) -> int:
     return value.values.size if isinstance(value, Shared) else int(np.prod(value.shape))
 
 
+def _known_values(value: Any) -> np.ndarray:
+    return value.values if isinstance(value, Shared) else value
+
+
+def _gathered(primitive: Any, parameters: dict[str, Any], numbers: Array, indices: np.ndarray) -> Array:
+    """Numbers that known indices choose: JAX says which, by choosing among their places."""
+    places = np.asarray(primitive.bind(np.arange(numbers.size).reshape(numbers.shape), indices, **parameters))
+    if places.min(initial=0) < 0 or places.max(initial=0) >= numbers.size:
+        raise UntranslatableError("indices beyond an array")
+    return _array(numbers.reshape(-1)[places.reshape(-1)], places.shape)
+
+
 def _computed_now(primitive: Any, parameters: dict[str, Any], taken: Sequence[Any]) -> list[Value]:
     """Results of an operation on numbers that are known: constants if all of them are."""
-    arrays = _values(primitive, parameters, [x.values if isinstance(x, Shared) else x for x in taken])
+    arrays = _values(primitive, parameters, [_known_values(x) for x in taken])
     return [Shared(x) for x in arrays] if any(isinstance(x, Shared) for x in taken) else list(arrays)
 
 

@@ -306,7 +306,7 @@ class VectorCode:
         )
         return Register(found, kind, lanes)
 
-    def load_once(self, base: str, index: int) -> Register:
+    def load_once(self, base: str, index: int, kind: str = "double") -> Register:
         """Read a number that all lanes share, before anything else is done.
 
         Parameters
@@ -315,6 +315,8 @@ class VectorCode:
             Name of a pointer.
         index : int
             Which element.
+        kind : {"double", "i64"}
+            What its bits are.
 
         Returns
         -------
@@ -324,9 +326,9 @@ class VectorCode:
         place, found = self.name("at"), self.name()
         self.entry += [
             f"  {place} = getelementptr inbounds double, ptr {base}, i64 {index}",
-            f"  {found} = load double, ptr {place}, align 8",
+            f"  {found} = load {kind}, ptr {place}, align 8",
         ]
-        return Register(found, "double", False)
+        return Register(found, kind, False)
 
     def store(self, number: Number, place: str, lanes: bool, kind: str = "double") -> None:
         """Write a number.
@@ -369,13 +371,13 @@ class VectorCode:
     # --- loops --------------------------------------------------------------------------------------------------
 
     @contextmanager
-    def loop(self, length: int) -> Iterator[str]:
+    def loop(self, length: int | str) -> Iterator[str]:
         """Do what follows for 0, 1, … up to, but not including, `length`.
 
         Parameters
         ----------
-        length : int
-            How many times.
+        length : int or str
+            How many times, or the name of that number.
 
         Yields
         ------

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import scipy
 
+from structid.array_module import namespace
 from structid.probability.truncation import Marginal
-from structid.surrogates.array_module import namespace
 from structid.units import factor
 
 QUADRATURE_NODES = 2000

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from structid.array_module import namespace
 from structid.probability.space import ParameterSpace
-from structid.surrogates.array_module import namespace
 from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
 from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily
 

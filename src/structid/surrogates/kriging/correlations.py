@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from structid.device import jnp
@@ -35,6 +36,26 @@ def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) 
     scaled = [
         (a[:, j, None] - b[None, :, j]) * jnp.exp(-log_lengths[j]) for j in range(a.shape[1])
     ]  # one coordinate at a time: XLA fuses them, and no array of size (n, m, coordinate) is allocated
+    return correlation_of(family, separable, scaled)
+
+
+def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
+    """Compute correlations from scaled differences of points; see `correlation`.
+
+    Parameters
+    ----------
+    family : {"exponential", "matern32", "matern52", "gaussian"}
+        The correlation function R.
+    separable : bool
+        Whether the correlation is a product over the coordinates.
+    scaled : sequence of jax.Array
+        Of each coordinate: the differences (aⱼ − bⱼ)/ℓⱼ.
+
+    Returns
+    -------
+    jax.Array
+        Correlations, in the shape of the differences.
+    """
     if family == "gaussian":
         return jnp.exp(-0.5 * sum(s * s for s in scaled))
     if separable:

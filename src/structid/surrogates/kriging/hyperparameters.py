@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import functools
-from typing import Any
+from functools import cached_property
 
-import jax
 import numpy as np
 import scipy
 
-from structid.device import jnp, over_runs
-from structid.surrogates.kriging.correlations import correlation
+from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.kriging_system import (
     KrigingData,
     generalised_least_squares,
@@ -19,9 +16,6 @@ from structid.surrogates.kriging.kriging_system import (
 from structid.surrogates.progress import Steps
 from structid.surrogates.search import quasi_newton
 from structid.surrogates.symmetric import inverse_of
-
-PADDING = 64
-"""The number of points in a correlation matrix is padded to a multiple of this, so that growing designs are rarely recompiled."""
 
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""
@@ -93,10 +87,11 @@ class HyperparameterObjective:
         ndarray, shape (run, run)
             R.
         """
-        columns, _, _ = _compiled(self.family, self.separable)
-        points = _padded(self.data.points)
-        size = len(self.data.points)
-        return np.asarray(columns(points, points, parameters[: self.lengths]))[:size, :size]
+        return self._correlations.of(parameters[: self.lengths])
+
+    @cached_property
+    def _correlations(self) -> CorrelationMatrices:
+        return CorrelationMatrices(self.family, self.separable, self.data.points)
 
     def diagonal(self, parameters: np.ndarray) -> float:
         """Return the nugget.
@@ -126,30 +121,19 @@ class HyperparameterObjective:
         ndarray, shape (point,)
             The objective.
         """
-        _, _, matrices = _compiled(self.family, self.separable)
-        found = matrices(np.ascontiguousarray(parameters[: self.lengths].T), self.data.points)
-        return np.array([self._given(matrix, p, False)[0] for matrix, p in zip(found, parameters.T, strict=True)])
+        return np.array([self(p, gradient=False)[0] for p in parameters.T])
 
     def __call__(self, parameters: np.ndarray, gradient: bool = True) -> tuple[float, np.ndarray]:
         """Evaluate the objective and its gradient by the log lengths and the log nugget."""
-        return self._given(self.matrix(parameters), parameters, gradient)
-
-    def _given(self, matrix: np.ndarray, parameters: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
-        """The objective and its gradient, given the correlation matrix."""
         try:
-            cholesky, nugget = raised_correlation_cholesky(matrix, self.diagonal(parameters))
+            cholesky, nugget = raised_correlation_cholesky(self.matrix(parameters), self.diagonal(parameters))
             by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
             value, weights = by_matrix(cholesky, gradient)
         except np.linalg.LinAlgError:
             return 1e25, np.zeros(len(parameters))
         if not gradient:
             return value, np.empty(0)
-        _, gradients, _ = _compiled(self.family, self.separable)
-        size, points = len(self.data.points), _padded(self.data.points)
-        weights_of = np.zeros((len(points), len(points)))
-        weights_of[:size, :size] = weights  # padded points have no weight
-        rows = np.hstack([np.tile(parameters[: self.lengths], (len(points), 1)), points, weights_of])
-        slope = gradients(rows, points).sum(axis=0)
+        slope = self._correlations.gradient(parameters[: self.lengths], weights)
         if self.nugget == "estimate":
             slope = np.append(slope, nugget * np.trace(weights))
         return value, slope
@@ -178,40 +162,6 @@ class HyperparameterObjective:
         by_inverse = q @ (2.0 * error / precision[:, None]) @ weights.T
         by_inverse -= (q * (2.0 * np.sum(error**2, axis=1) / precision)) @ q
         return float(value), -0.5 * len(q) / total * by_inverse
-
-
-@functools.cache
-def _compiled(family: str, separable: bool) -> tuple[Any, Any, Any]:
-    """Compiled functions: a correlation matrix, the gradient of a weighted sum of its entries, matrices for many lengths."""
-
-    def columns(some: Any, points: Any, log_lengths: Any) -> Any:
-        return correlation(family, separable, points, some, log_lengths)
-
-    def matrices(log_lengths: Any, points: Any) -> Any:
-        """Correlation matrices of the same points for many lengths."""
-        return jax.vmap(lambda lengths: correlation(family, separable, points, points, lengths))(log_lengths)
-
-    def gradients(rows: Any, points: Any) -> Any:
-        """Gradients of Σⱼ weightⱼ R(point, pointⱼ) by the log lengths; a row holds the log lengths, a point and its weights.
-
-        The lengths are part of each row because the gradient by an argument that all devices share would be summed over them.
-        """
-        size = points.shape[1]
-
-        def weighted(log_lengths: Any, row: Any) -> Any:
-            return jnp.vdot(
-                row[2 * size :], correlation(family, separable, row[None, size : 2 * size], points, log_lengths)
-            )
-
-        return jax.vmap(lambda row: jax.grad(weighted)(row[:size], row))(rows)
-
-    return over_runs(columns, run_axes=1), over_runs(gradients), over_runs(matrices)
-
-
-def _padded(points: np.ndarray) -> np.ndarray:
-    """Points, padded with copies of the last one to a multiple of `PADDING`."""
-    missing = -len(points) % PADDING
-    return np.concatenate([points, np.repeat(points[-1:], missing, axis=0)]) if missing else points
 
 
 def stage_sizes(runs: int) -> list[int]:

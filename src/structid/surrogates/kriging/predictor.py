@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -14,11 +14,14 @@ from typing import Any, ClassVar
 import jax
 import jax.scipy.linalg
 import numpy as np
+import scipy.linalg
 
-from structid.device import jnp, over_runs
+from structid.array_module import namespace
+from structid.device import jnp
+from structid.mechanics.lanes.row_by_row import product_of
 from structid.probability.space import ParameterSpace
-from structid.surrogates.array_module import namespace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
+from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.correlations import correlation
 from structid.surrogates.kriging.kriging_system import KrigingFactors
 from structid.surrogates.named_arrays import found_under, put_under
@@ -81,42 +84,58 @@ class KrigingGroup:
         return self.factors.cross_validated_variance
 
     def mean(self, theta: Any) -> Any:
-        """Predict the mean inside JAX, f(θ)ᵀβ + r(θ)ᵀw.
+        """Predict the mean, f(θ)ᵀβ + r(θ)ᵀw.
 
         Parameters
         ----------
-        theta : jax.Array, shape (run, parameter)
+        theta : ndarray or jax.Array, shape (run, parameter)
             Points in SI.
 
         Returns
         -------
-        jax.Array, shape (run, output)
-            Means.
+        array, shape (run, output)
+            Means, of the same kind as `theta`.
         """
-        return self.trend.evaluate(theta) @ self.factors.coefficients + self._correlations(theta) @ self.factors.weights
+        trend = self.trend.evaluate(theta) @ self.factors.coefficients
+        if namespace(theta) is np:
+            return trend + self._correlations(theta) @ self.factors.weights
+        points, log_lengths = (theta - self.centre) / self.scale, jnp.asarray(self.log_lengths)
+
+        def correlations(design: Any) -> Any:
+            return correlation(self.family, self.separable, points, design, log_lengths)
+
+        return trend + product_of(correlations, jnp.asarray(self.points), jnp.asarray(self.factors.weights))
 
     def standard_deviation(self, theta: Any) -> Any:
-        """Predict the standard deviation inside JAX, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
+        """Predict the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
         Parameters
         ----------
-        theta : jax.Array, shape (run, parameter)
+        theta : ndarray or jax.Array, shape (run, parameter)
             Points in SI.
 
         Returns
         -------
-        jax.Array, shape (run, output)
-            Standard deviations of the noise-free function.
+        array, shape (run, output)
+            Standard deviations of the noise-free function, of the same kind as `theta`.
         """
-        r = self._correlations(theta)
-        whitened = jax.scipy.linalg.solve_triangular(jnp.asarray(self.factors.cholesky), r.T, lower=True)
+        numpy, r = namespace(theta), self._correlations(theta)
+        linalg = scipy.linalg if numpy is np else jax.scipy.linalg
+        whitened = linalg.solve_triangular(numpy.asarray(self.factors.cholesky), r.T, lower=True)
         u = r @ self.factors.solved_trend - self.trend.evaluate(theta)
-        share = 1.0 - jnp.sum(whitened**2, axis=0) + jnp.einsum("rj,jk,rk->r", u, self.factors.trend_covariance, u)
-        return jnp.sqrt(jnp.maximum(share, 0.0))[:, None] * jnp.sqrt(self.variance)
+        share = 1.0 - (whitened**2).sum(axis=0) + numpy.einsum("rj,jk,rk->r", u, self.factors.trend_covariance, u)
+        return numpy.sqrt(numpy.maximum(share, 0.0))[:, None] * numpy.sqrt(self.variance)
 
     def _correlations(self, theta: Any) -> Any:
+        """Correlations with every run, shape (run, training run)."""
         points = (theta - self.centre) / self.scale
+        if namespace(theta) is np:
+            return self._on_the_host.with_points(points, self.log_lengths).T
         return correlation(self.family, self.separable, points, jnp.asarray(self.points), jnp.asarray(self.log_lengths))
+
+    @cached_property
+    def _on_the_host(self) -> CorrelationMatrices:
+        return CorrelationMatrices(self.family, self.separable, self.points)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +191,10 @@ class KrigingPredictor:
         array or tuple of array, shape (run, output)
             Means, or means and standard deviations; of the same kind as `theta`.
         """
-        if namespace(theta) is np:
-            compiled = self._with_std if return_std else self._without_std
-            return compiled(theta)
+        if namespace(theta) is np and len(theta) > PREDICTION_BATCH:
+            starts = range(0, len(theta), PREDICTION_BATCH)
+            parts = [self.predict(theta[first : first + PREDICTION_BATCH], return_std) for first in starts]
+            return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
         mean = self._join([g.mean(theta) for g in self.groups])
         return (mean, self._join([g.standard_deviation(theta) for g in self.groups])) if return_std else mean
 
@@ -211,15 +231,7 @@ class KrigingPredictor:
 
     def _join(self, parts: list[Any]) -> Any:
         """Outputs of all groups in their own order."""
-        return parts[0] if len(parts) == 1 else jnp.concatenate(parts, axis=1)[:, self._order]
-
-    @cached_property
-    def _without_std(self) -> Any:
-        return _in_batches(lambda theta: self.predict(theta))
-
-    @cached_property
-    def _with_std(self) -> Any:
-        return _in_batches(lambda theta: self.predict(theta, return_std=True))
+        return parts[0] if len(parts) == 1 else namespace(parts[0]).concatenate(parts, axis=1)[:, self._order]
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Return the contents of the predictor, without its parameter space, for a file.
@@ -283,16 +295,3 @@ class KrigingPredictor:
             f"leave-one-out error up to {self.leave_one_out_error.max():.1e}; "
             f"lengths in standard deviations of the design: {lengths}"
         )
-
-
-def _in_batches(function: Callable[[Any], Any]) -> Callable[[np.ndarray], Any]:
-    """Compile a function of points, and call it with at most `PREDICTION_BATCH` of them at once."""
-    compiled = over_runs(function)
-
-    def call(theta: np.ndarray) -> Any:
-        theta = np.asarray(theta, dtype=np.float64)
-        size = PREDICTION_BATCH
-        parts = [compiled(theta[start : start + size]) for start in range(0, len(theta), size)]
-        return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-
-    return call

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.device import jnp
+from structid.mechanics.lanes.row_by_row import product
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.regression import Regression
@@ -50,14 +50,10 @@ class Coefficients:
             Of the kind `theta` is.
         """
         found = self.trend.predict(theta)
-        if self.deviation is None or self.varying is None:
+        if self.deviation is None or self.varying is None or self.scale is None:
             return found
-        added = self.deviation.predict(theta) * self.scale
-        if isinstance(found, np.ndarray):
-            found = found.copy()
-            found[:, self.varying] += added
-            return found
-        return jnp.asarray(found).at[:, self.varying].add(added)
+        places = self.scale[:, None] * np.eye(found.shape[1])[self.varying]
+        return found + product(self.deviation.predict(theta), places)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what they consist of, for a file.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
+from structid.array_module import namespace
 from structid.device import jnp
 from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
@@ -18,7 +19,6 @@ from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import InMemory, Runs
-from structid.surrogates.array_module import namespace
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.narx.coefficients import Coefficients

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.array_module import namespace
 from structid.device import jnp
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
@@ -62,26 +63,30 @@ class ResponseSpaceSurrogate(Surrogate):
             )
 
     def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
-        """Respond inside JAX: scores, then their sum with the modes.
+        """Respond: scores, then their sum with the modes.
 
         Parameters
         ----------
-        theta : jax.Array, shape (run, parameter)
+        theta : ndarray or jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
         excitation : TracedExcitation
             One of the fitted records, known by its hash.
 
         Returns
         -------
-        tuple of jax.Array
-            Values (time, channel, run), and whether they are finite (run,).
+        tuple of array
+            Values (time, channel, run), and whether they are finite (run,), of the same kind as `theta`.
         """
-        fit = self.records[excitation.identity]
+        fit, numpy = self.records[excitation.identity], namespace(theta)
         factors = np.tile(fit.scale, fit.samples)
         scores = fit.scores.predict(self.held_inside(theta))
-        values = jnp.asarray((fit.modes * factors).T) @ scores.T + jnp.asarray(fit.mean * factors)[:, None]
-        finite = jnp.isfinite(scores).all(axis=1)
+        values = numpy.asarray((fit.modes * factors).T) @ scores.T + (fit.mean * factors)[:, None]
+        finite = numpy.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
+
+    @property
+    def _compiled_response(self) -> Callable[..., Any]:
+        return self.response  # two products of matrices: nothing to compile
 
     def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> ScoreShortcut:
         """Sum modes and measurements over time; see `TraceableModel.shortcut`.

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from structid.device import jnp
+from structid.mechanics.lanes.row_by_row import product
 from structid.models.traceable import Shortcut
 from structid.surrogates.pod.record_fit import RecordFit
 
@@ -131,7 +132,8 @@ class ScoreShortcut(Shortcut):
             Sums (channel, run) and whether they are finite (run,).
         """
         scores = self._record.scores.predict(self.surrogate.held_inside(theta))
-        return self._squares(scores), jnp.isfinite(scores).all(axis=1) & self.surrogate.admitted(theta)
+        squares = self._squares(scores)
+        return squares, jnp.isfinite(squares).all(axis=0) & self.surrogate.admitted(theta)
 
     @property
     def _record(self) -> RecordFit:
@@ -140,11 +142,15 @@ class ScoreShortcut(Shortcut):
     def _squares(self, scores: Any) -> Any:
         """‖r‖², shape (channel, run)."""
         gap = scores - self.nearest
-        return self.squares_beyond + ((gap @ self.inner - 2.0 * self.levers_beyond) * gap).sum(axis=2)
+        return self.squares_beyond + ((self._reached(gap) - 2.0 * self.levers_beyond) * gap).sum(axis=2)
 
     def _projected(self, scores: Any) -> Any:
         """Φ r, shape (channel, run, component)."""
-        return self.levers_beyond - (scores - self.nearest) @ self.inner
+        return self.levers_beyond - self._reached(scores - self.nearest)
+
+    def _reached(self, gap: Any) -> Any:
+        """ΦΦᵀ c, shape (channel, run, component)."""
+        return jnp.stack([product(of_channel, inner) for of_channel, inner in zip(gap, self.inner, strict=True)])
 
     def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
         """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.

@@ -1,0 +1,109 @@
+"""A function that JAX has traced, as a plain list of operations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from jax.extend.core import ClosedJaxpr, Literal
+
+CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
+"""Primitives that stand for a function, and the parameter that holds it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Something that an operation makes.
+
+    Parameters
+    ----------
+    aval : Any
+        Its shape and kind.
+    """
+
+    aval: Any
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A primitive operation, as an equation of a jaxpr says it.
+
+    Parameters
+    ----------
+    primitive : Any
+        Which.
+    params : dict
+        What else it needs to know.
+    invars, outvars : tuple
+        What it takes, and what it makes.
+    """
+
+    primitive: Any
+    params: dict[str, Any]
+    invars: tuple[Any, ...]
+    outvars: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Function:
+    """A function whose calls of others are written out: operations only. What a loop does in each pass stays as it is.
+
+    Parameters
+    ----------
+    invars, outvars : sequence
+        What it takes and returns.
+    constvars, consts : sequence
+        Constants, and what they are.
+    eqns : sequence of Operation
+        The operations.
+    """
+
+    invars: Sequence[Any]
+    outvars: Sequence[Any]
+    constvars: Sequence[Any]
+    consts: Sequence[Any]
+    eqns: Sequence[Operation]
+
+    @classmethod
+    def inlined(cls, traced: ClosedJaxpr) -> Function:
+        """Write the functions that a function calls in the places where it calls them.
+
+        Parameters
+        ----------
+        traced : ClosedJaxpr
+            The function.
+
+        Returns
+        -------
+        Function
+            The same.
+        """
+        body = traced.jaxpr
+        known = {v: v for v in (*body.constvars, *body.invars)}
+        constants: dict[Any, Any] = dict(zip(body.constvars, traced.consts, strict=True))
+        operations: list[Operation] = []
+        outvars = _written_out(body, known, constants, operations)
+        return cls(body.invars, outvars, list(constants), list(constants.values()), operations)
+
+
+def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], operations: list[Operation]) -> list[Any]:
+    """Append the operations of a function's body; `known` says what its variables are. Its results are returned."""
+
+    def read(atom: Any) -> Any:
+        return atom if isinstance(atom, Literal) else known[atom]
+
+    for equation in body.eqns:
+        taken = tuple(read(atom) for atom in equation.invars)
+        name = equation.primitive.name
+        if name not in CALLS:
+            made = tuple(Result(v.aval) for v in equation.outvars)
+            operations.append(Operation(equation.primitive, equation.params, taken, made))
+        else:
+            called = equation.params[CALLS[name]]
+            own = {v: Result(v.aval) for v in called.jaxpr.constvars}
+            constants.update(zip(own.values(), called.consts, strict=True))
+            inside = own | dict(zip(called.jaxpr.invars, taken, strict=True))
+            made = tuple(_written_out(called.jaxpr, inside, constants, operations))
+        known.update(zip(equation.outvars, made, strict=True))
+    return [read(atom) for atom in body.outvars]

@@ -1,0 +1,33 @@
+"""Correlation matrices on the host, and derivatives of their weighted sums, against JAX."""
+
+import jax
+import numpy as np
+import pytest
+
+from structid.device import jnp
+from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
+from structid.surrogates.kriging.correlations import FAMILIES, correlation
+
+pytestmark = pytest.mark.quick
+
+RNG = np.random.default_rng(2)
+POINTS, OTHERS = RNG.normal(size=(37, 3)), RNG.normal(size=(5, 3))
+LOG_LENGTHS = np.array([-0.5, 0.3, 1.2])
+
+
+@pytest.mark.parametrize("separable", [True, False])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_correlation(family, separable):
+    matrices = CorrelationMatrices(family, separable, POINTS)
+    expected = correlation(family, separable, POINTS, OTHERS, LOG_LENGTHS)
+    np.testing.assert_allclose(matrices.with_points(OTHERS, LOG_LENGTHS), expected, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(np.diag(matrices.of(LOG_LENGTHS)), 1.0, rtol=1e-15)
+
+
+@pytest.mark.parametrize("separable", [True, False])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_every_gradient(family, separable):
+    weights = RNG.normal(size=(37, 37))
+    found = CorrelationMatrices(family, separable, POINTS).gradient(LOG_LENGTHS, weights)
+    expected = jax.grad(lambda lengths: jnp.sum(weights * correlation(family, separable, POINTS, POINTS, lengths)))
+    np.testing.assert_allclose(found, expected(LOG_LENGTHS), rtol=1e-10)
