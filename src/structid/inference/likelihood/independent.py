@@ -265,8 +265,10 @@ class IID(Discrepancy):
 
 def _normal_log_density(squares: Any, samples: int, variance: Any) -> Any:
     """Σ over channels of −½ T log(2πσ²) − ‖r‖²/(2σ²), shape (run,)."""
-    logarithm = namespace(variance).log(2.0 * np.pi * variance)
-    return (-0.5 * samples * logarithm - 0.5 * squares / variance).sum(axis=0)
+    # A point on the edge of its prior may have no variance: its density is −inf or NaN, and NumPy would warn.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithm = namespace(variance).log(2.0 * np.pi * variance)
+        return (-0.5 * samples * logarithm - 0.5 * squares / variance).sum(axis=0)
 
 
 IID_KIND = LawKind(IID, "iid", {"variance": SQUARED}, {"per_channel": (bool, True)})

@@ -20,10 +20,13 @@ from structid.mechanics.lanes.primitives import UntranslatableError
 from structid.mechanics.lanes.row_by_row import row_by_row
 from structid.mechanics.lanes.signals import Signals
 from structid.mechanics.lanes.splitting import by_jax, foreign_results
-from structid.mechanics.lanes.translation import History
+from structid.mechanics.lanes.values import History
 
 KEPT = 8
 """Sets of constants for which a function stays compiled."""
+
+NUMBERS_IN_A_LINE = 8
+"""Numbers in a line of a processor's cache, 64 bytes."""
 
 OF_ANOTHER_JAX = (KeyError, AttributeError)
 """What goes wrong where a later JAX lists operations in another way: the loop is left to it."""
@@ -161,7 +164,7 @@ class _Bound:
     def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
         kernel, (count, columns) = self.kernel, theta.shape
         blocks = -(-count // kernel.width)
-        stride = blocks * kernel.width
+        stride = _row_length(blocks * kernel.width)
         arguments = np.empty((kernel.taken, stride))
         arguments[:columns, :count], arguments[:columns, count:] = theta.T, theta[-1:].T
         if self._foreign is not None:
@@ -174,6 +177,15 @@ class _Bound:
         on_all_cores(lambda: self._compiled(*buffers, stride, blocks), blocks)
         parts = results, histories
         return jax.tree.unflatten(self._tree, [output.taken_from(parts, count) for output in self._outputs])
+
+
+def _row_length(runs: int) -> int:
+    """Length of a row of numbers of so many runs in memory.
+
+    An odd number of cache lines: where the rows of a block were a power of two apart, they would push each other out of the cache.
+    """
+    lines = -(-runs // NUMBERS_IN_A_LINE)
+    return NUMBERS_IN_A_LINE * (lines + 1 - lines % 2)
 
 
 @dataclass(frozen=True)

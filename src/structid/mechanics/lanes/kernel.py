@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from structid.mechanics.lanes.operations import Function
-from structid.mechanics.lanes.translation import History, Translator, Value
+from structid.mechanics.lanes.translation import Translator
+from structid.mechanics.lanes.values import SIGNALS, History, Value
 from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
 
 ENTRY = "run_blocks"
@@ -22,6 +23,10 @@ SIGNATURE = (
 )
 """Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
 the lanes last. Threads take blocks from one counter."""
+
+
+LARGEST_STACK = 1 << 17
+"""Numbers of histories that may be on a thread's stack: a megabyte."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +79,17 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
         If something in it has no vector code.
     """
     code = VectorCode(width)
+    translator = Translator(code)
     theta, *signals = (v.aval for v in function.invars)
-    translator = Translator(code, sum(math.prod(aval.shape) for aval in signals))
     outputs: list[History | tuple[int, ...]] = []
     taken, written = 0, 0
-
-    def row(base: str, number: int) -> str:
-        return code.address(base, code.whole("add", code.whole("mul", "%stride", number), translator.column))
-
     with code.shared_loop("%next_block", "%blocks") as block:
-        translator.block, translator.column = block, code.whole("mul", block, width)
+        column = code.whole("mul", block, width)
+        beginning = len(code.lines)
+
+        def row(base: str, number: int) -> str:
+            return code.address(base, code.whole("add", code.whole("mul", "%stride", number), column))
+
         arguments = []
         for aval in (theta, *(v.aval for v in foreign)):
             numbers = np.empty(aval.shape, dtype=object)
@@ -93,9 +99,9 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
                     number = code.operation("fcmp une", [number, 0.0], result="i1")
                 numbers[place], taken = number, taken + 1
             arguments.append(numbers)
-        own: list[Value] = [arguments[0], *(History(0, aval.shape, given=True) for aval in signals)]
+        own: list[Value] = [arguments[0], *(History(SIGNALS, aval.shape) for aval in signals)]
         for value in translator.function(function, own, dict(zip(foreign, arguments[1:], strict=True))):
-            if isinstance(value, History) and not value.given:
+            if isinstance(value, History) and value.number != SIGNALS:
                 outputs.append(value)
                 continue
             numbers = translator.numbers(value)
@@ -105,6 +111,67 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
                 code.store(number, row("%results", written), lanes=True)
                 written += 1
             outputs.append(numbers.shape)
-    body = "\n".join([*code.entry, *code.lines])
+        memory = _Memory(translator, {output.number for output in outputs if isinstance(output, History)})
+        signals_of_a_run = sum(math.prod(aval.shape) for aval in signals)
+        code.lines[beginning:beginning] = memory.of_block(block, column, signals_of_a_run)
+    places = memory.entry  # what it loads comes before it
+    body = "\n".join([*code.entry, *places, *code.lines])
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind {{\n{body}\n  ret void\n}}\n"
-    return Kernel(text, width, translator.shared.values, tuple(outputs), taken, written, translator.rows)
+    found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
+    return Kernel(text, width, translator.shared.values, found, taken, written, memory.rows)
+
+
+class _Memory:
+    """Where histories are: those that are returned, in a buffer; the others, on the stack of the thread that works on a block.
+
+    Parameters
+    ----------
+    translator : Translator
+        That made them.
+    returned : set of int
+        Numbers of those that are returned.
+    """
+
+    def __init__(self, translator: Translator, returned: set[int]) -> None:
+        self._translator, self.rows = translator, 0
+        self._first: dict[int, int] = {}
+        on_stack = 0
+        for number, rows in enumerate(translator.kept):
+            on_stack += 0 if number in returned else rows
+            if number in returned or on_stack * translator.code.width > LARGEST_STACK:
+                self._first[number] = self.rows
+                self.rows += rows
+
+    @property
+    def entry(self) -> list[str]:
+        """Text at the beginning: base and distance of the rows of every history."""
+        code, lines = self._translator.code, [f"  %each_signal = add i64 {self._translator.code.width}, 0"]
+        for number, rows in enumerate(self._translator.kept):
+            if number in self._first:
+                lines.append(f"  %kept{number} = getelementptr double, ptr %histories, i64 0")
+                lines.append(f"  %each{number} = add i64 %stride, 0")
+            else:
+                size = self._translator.shared.length(rows)
+                lines.append(f"  %kept{number} = alloca {code.type_of('double', True)}, i64 {size}, align 64")
+                lines.append(f"  %each{number} = add i64 {code.width}, 0")
+        return lines
+
+    def of_block(self, block: str, column: str, signals: int) -> list[str]:
+        """Text at the beginning of a block: places of its first run."""
+        code, shared = self._translator.code, self._translator.shared
+        of_block = code.name("n")
+        lines = [f"  {of_block} = mul i64 {block}, {shared.length(signals)}"]
+        lines.append(f"  %across_signals = mul i64 {of_block}, {code.width}")
+        for number in range(len(self._translator.kept)):
+            first = self._first.get(number)
+            if first:
+                before = code.name("n")
+                lines.append(f"  {before} = mul i64 %stride, {shared.length(first)}")
+                lines.append(f"  %across{number} = add i64 {before}, {column}")
+            else:
+                lines.append(f"  %across{number} = add i64 {'0' if first is None else column}, 0")
+        return lines
+
+    def in_buffer(self, history: History) -> History:
+        """A returned history, with its rows in the buffer."""
+        return replace(history, first=history.first + self._first[history.number])

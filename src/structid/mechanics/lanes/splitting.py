@@ -12,7 +12,8 @@ from jax.extend.core import Literal
 from structid.device import jnp
 from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, UntranslatableError
-from structid.mechanics.lanes.translation import MOVES
+from structid.mechanics.lanes.translation import ALONG_HISTORIES
+from structid.mechanics.lanes.values import MOVES
 
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
@@ -54,8 +55,9 @@ def foreign_results(function: Function) -> list[Any]:
             continue
         if after_loop.intersection(taken):
             after_loop.update(equation.outvars)
-            if _is_foreign(equation, of_run) and equation.primitive.name not in MOVES:
-                raise UntranslatableError(f"'{equation.primitive.name}' after the loop over time")
+            name = equation.primitive.name
+            if _is_foreign(equation, of_run) and name not in (*MOVES, *ALONG_HISTORIES, "reduce_sum"):
+                raise UntranslatableError(f"'{name}' after the loop over time")
         elif _is_foreign(equation, of_run):
             if signals.intersection(taken):
                 raise UntranslatableError(f"'{equation.primitive.name}' of signals")

@@ -90,6 +90,8 @@ class PolynomialBasis:
         germ = self.variables(theta)
         degrees = self.indices.max(axis=0, initial=0)
         product = numpy.ones((theta.shape[0], len(self.indices)))
+        if not degrees.any():
+            return product
         for i, (family, degree) in enumerate(zip(self.families, degrees, strict=True)):
             if degree:
                 values = numpy.stack(family.evaluate(germ[:, i], int(degree)), axis=1)

@@ -18,7 +18,7 @@ import scipy.linalg
 
 from structid.array_module import namespace
 from structid.device import jnp
-from structid.mechanics.lanes.row_by_row import product_of
+from structid.mechanics.lanes.row_by_row import product, product_of
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
@@ -96,7 +96,7 @@ class KrigingGroup:
         array, shape (run, output)
             Means, of the same kind as `theta`.
         """
-        trend = self.trend.evaluate(theta) @ self.factors.coefficients
+        trend = product(self.trend.evaluate(theta), self.factors.coefficients)
         if namespace(theta) is np:
             return trend + self._correlations(theta) @ self.factors.weights
         points, log_lengths = (theta - self.centre) / self.scale, jnp.asarray(self.log_lengths)

@@ -141,16 +141,14 @@ class ScoreShortcut(Shortcut):
 
     def _squares(self, scores: Any) -> Any:
         """‖r‖², shape (channel, run)."""
-        gap = scores - self.nearest
-        return self.squares_beyond + ((self._reached(gap) - 2.0 * self.levers_beyond) * gap).sum(axis=2)
+        parts = zip(scores - self.nearest, self.inner, self.levers_beyond, self.squares_beyond, strict=True)
+        return jnp.stack(
+            [beyond + ((product(gap, inner) - 2.0 * levers) * gap).sum(axis=1) for gap, inner, levers, beyond in parts]
+        )
 
     def _projected(self, scores: Any) -> Any:
         """Φ r, shape (channel, run, component)."""
-        return self.levers_beyond - self._reached(scores - self.nearest)
-
-    def _reached(self, gap: Any) -> Any:
-        """ΦΦᵀ c, shape (channel, run, component)."""
-        return jnp.stack([product(of_channel, inner) for of_channel, inner in zip(gap, self.inner, strict=True)])
+        return self.levers_beyond - (scores - self.nearest) @ self.inner
 
     def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
         """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
