@@ -9,6 +9,7 @@ from package import concrete_subclasses
 from structid.device import over_runs
 from structid.mechanics.lanes import machine
 from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.lanes.translation import LONGEST_UNROLLED
 from structid.models.bouc_wen import CHANNELS
 from structid.models.shear_frame import STOREY_CHANNELS
 from structid.models.traceable import TraceableModel
@@ -169,6 +170,18 @@ def test_the_posterior_of_every_sum_of_components(name, runs, monkeypatch):
     phi = of.initial(20, np.random.default_rng(1))
     for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-11)
+
+
+def test_several_channels_in_the_space_of_the_scores(monkeypatch):
+    """With more components than a loop unrolls."""
+    model = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",), channels=("velocity", "displacement"))
+    measured = model.simulate(np.array([[7.5e6]]), GROUND).values[0] + 1e-3 * RNG.normal(size=(150, 2))
+    surrogate = si.PODKriging(left_out_energy=1e-10).fit(si.Campaign(model, GROUND, SPACE.sample(40, seed=1)).run())
+    of = si.Posterior(SPACE, surrogate, si.Observation(GROUND, measured, model.channels), refuse_unfit=False)
+    assert of.data[0].shortcut.inner.shape[0] == 2 and of.data[0].shortcut.inner.shape[1] > LONGEST_UNROLLED
+    phi = of.initial(20, np.random.default_rng(1))
+    for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 @pytest.mark.parametrize("settings", [si.PODKriging(), si.PODPCE()])

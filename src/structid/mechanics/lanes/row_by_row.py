@@ -43,6 +43,8 @@ def product(values: Any, matrix: Any) -> Any:
     jax.Array, shape (run, column)
         X B.
     """
+    if matrix.shape[0] == 1:
+        return values * matrix
     return _by_rows(values.T, matrix) if _row_by_row.get() else values @ matrix
 
 

@@ -23,7 +23,7 @@ class SharedNumbers:
         self._numbers: list[float] = []
         self._places: dict[bytes, int] = {}
         self._loaded: dict[int, Register] = {}
-        self._whole: dict[bytes | int, tuple[int, str]] = {}
+        self._whole: dict[bytes | tuple[int, int], tuple[int, str]] = {}
         self._rows: dict[bytes, np.ndarray] = {}
 
     @property
@@ -32,7 +32,7 @@ class SharedNumbers:
         table = np.concatenate([np.array(self._numbers or [0.0]), *self._rows.values()])
         whole, first = table.view(np.int64), len(self._numbers)
         for key, (place, _) in self._whole.items():
-            whole[place] = first if isinstance(key, bytes) else key
+            whole[place] = first if isinstance(key, bytes) else key[0]
             first += len(self._rows[key]) if isinstance(key, bytes) else 0
         return table
 
@@ -71,7 +71,8 @@ class SharedNumbers:
         str
             Name of that whole number.
         """
-        return self._whole_number(length)
+        # Lengths that are equal by chance have places of their own: the text is the same for any lengths.
+        return self._whole_number((length, len(self._whole)))
 
     def place(self, values: np.ndarray) -> str:
         """Put in a long array.
@@ -109,7 +110,7 @@ class SharedNumbers:
         places = [code.address("%shared", code.whole("add", place, index)) for index in range(count)]
         return [code.load(at, lanes=False) for at in places]
 
-    def _whole_number(self, key: bytes | int) -> str:
+    def _whole_number(self, key: bytes | tuple[int, int]) -> str:
         """Name of a length, or of the place of a long array, which is known when everything is there."""
         if key not in self._whole:
             place = len(self._numbers)

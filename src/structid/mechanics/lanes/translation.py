@@ -123,7 +123,8 @@ class Translator:
             if found is not None:
                 return [found]
         if any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in taken):
-            if name in ALONG_HISTORIES:
+            # An array that is repeated along another axis has no number for each number of the result.
+            if name in ALONG_HISTORIES and {size_of(x) for x in taken} <= {1, math.prod(shape)}:
                 return [self._number_by_number(ARITHMETIC[name], parameters, taken, shape)]
             if name == "reduce_sum" and isinstance(taken[0], History) and math.prod(shape) == 1:
                 return [self._sum_of_history(taken[0], shape)]

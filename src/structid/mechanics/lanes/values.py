@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -12,11 +13,17 @@ import numpy as np
 from structid.mechanics.lanes.primitives import ARRANGEMENT, Array, UntranslatableError
 from structid.mechanics.lanes.vector_code import Number
 
-IN_NUMPY: dict[str, Callable[..., Any]] = {
+UFUNCS: dict[str, np.ufunc] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
     "abs": np.abs, "exp": np.exp, "log": np.log, "gt": np.greater, "lt": np.less,
 }  # fmt: skip
-"""Operations that NumPy does as JAX does, on numbers of one kind."""
+
+IN_NUMPY: dict[str, Callable[..., Any]] = {
+    **{name: functools.partial(lambda ufunc, _, *arrays: ufunc(*arrays), ufunc) for name, ufunc in UFUNCS.items()},
+    "convert_element_type": lambda parameters, x: x.astype(parameters["new_dtype"]),
+    "reduce_sum": lambda parameters, x: x.sum(axis=tuple(parameters["axes"])),
+}
+"""Operations that NumPy does as JAX does: ``function(parameters, *arrays)``."""
 
 
 @dataclass(frozen=True)
@@ -266,6 +273,6 @@ def _values(primitive: Any, parameters: dict[str, Any], taken: Sequence[np.ndarr
     if name in ARRANGEMENT:
         return [np.asarray(ARRANGEMENT[name](parameters, *taken), dtype=taken[0].dtype)]
     if name in IN_NUMPY:
-        return [np.asarray(IN_NUMPY[name](*taken))]
+        return [np.asarray(IN_NUMPY[name](parameters, *taken))]
     found = primitive.bind(*taken, **parameters)
     return [np.asarray(x) for x in (found if primitive.multiple_results else [found])]
