@@ -190,7 +190,15 @@ def pairs(
                 axis.hist(draws[:, i], bins=40, range=tuple(limits[:, i]), color=MODEL, alpha=0.6)
                 axis.set_yticks([])
             else:
-                axis.hist2d(draws[:, j], draws[:, i], bins=40, range=[limits[:, j], limits[:, i]], cmap="YlOrBr")
+                # Pixels in the PDF, too: 1600 squares as paths take seconds to write, and viewers draw gaps between them.
+                axis.hist2d(
+                    draws[:, j],
+                    draws[:, i],
+                    bins=40,
+                    range=[limits[:, j], limits[:, i]],
+                    cmap="YlOrBr",
+                    rasterized=True,
+                )
                 axis.plot(best[j], best[i], "+", color="k", ms=7)
                 axis.set_ylim(*limits[:, i])
             axis.set_xlim(*limits[:, j])
