@@ -165,12 +165,12 @@ class _Bound:
         kernel, (count, columns) = self.kernel, theta.shape
         blocks = -(-count // kernel.width)
         stride = _row_length(blocks * kernel.width)
-        arguments = np.empty((kernel.taken, stride))
+        arguments = _empty(kernel.taken, stride)
         arguments[:columns, :count], arguments[:columns, count:] = theta.T, theta[-1:].T
         if self._foreign is not None:
             more = np.repeat(theta[-1:], padded_size(stride) - count, axis=0)
             arguments[columns:] = self._foreign(np.concatenate([theta, more]))[:, :stride]
-        results, histories = np.empty((kernel.rows, stride)), np.empty((kernel.histories, stride))
+        results, histories = _empty(kernel.rows, stride), _empty(kernel.histories, stride)
         next_block = np.zeros(1, dtype=np.int64)
         given = np.empty(0) if signals is None else signals.in_blocks(kernel.width)
         buffers = [a.ctypes.data for a in (arguments, kernel.shared, given, results, histories, next_block)]
@@ -186,6 +186,13 @@ def _row_length(runs: int) -> int:
     """
     lines = -(-runs // NUMBERS_IN_A_LINE)
     return NUMBERS_IN_A_LINE * (lines + 1 - lines % 2)
+
+
+def _empty(rows: int, length: int) -> np.ndarray:
+    """Rows of numbers that begin with a line of the cache, so that no two blocks write into the same line."""
+    memory = np.empty(rows * length + NUMBERS_IN_A_LINE)
+    first = -memory.ctypes.data // memory.itemsize % NUMBERS_IN_A_LINE
+    return memory[first : first + rows * length].reshape(rows, length)
 
 
 @dataclass(frozen=True)
