@@ -159,12 +159,15 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
 
 
 def cpu_seconds(rows: np.ndarray) -> float:
-    """Processor's time of this process, all threads together, for some runs; compiled and warm."""
+    """Processor's time of this process, all threads together, for some runs: median of three, compiled and warm."""
     model, record = oscillator("degrading", 3), common.study_record(DURATION, PGA)
-    model.simulate(rows[:8], record)
-    began = time.process_time()
     model.simulate(rows, record)
-    return time.process_time() - began
+    spent = []
+    for _ in range(3):
+        began = time.process_time()
+        model.simulate(rows, record)
+        spent.append(time.process_time() - began)
+    return float(np.median(spent))
 
 
 def worker_rows(runs: int) -> list[list[str]]:
