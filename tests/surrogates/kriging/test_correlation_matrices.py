@@ -1,5 +1,7 @@
 """Correlation matrices on the host, and derivatives of their weighted sums, against JAX."""
 
+import pickle
+
 import jax
 import numpy as np
 import pytest
@@ -22,6 +24,13 @@ def test_every_correlation(family, separable):
     expected = correlation(family, separable, POINTS, OTHERS, LOG_LENGTHS)
     np.testing.assert_allclose(matrices.with_points(OTHERS, LOG_LENGTHS), expected, rtol=0, atol=1e-14)
     np.testing.assert_allclose(np.diag(matrices.of(LOG_LENGTHS)), 1.0, rtol=1e-15)
+
+
+def test_they_can_be_sent():
+    matrices = CorrelationMatrices("matern52", True, POINTS)
+    expected = matrices.with_points(OTHERS, LOG_LENGTHS)
+    sent = pickle.loads(pickle.dumps(matrices))
+    np.testing.assert_array_equal(sent.with_points(OTHERS, LOG_LENGTHS), expected)
 
 
 @pytest.mark.parametrize("separable", [True, False])

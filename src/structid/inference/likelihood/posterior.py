@@ -265,7 +265,7 @@ class Posterior(Target):
 
     @cached_property
     def _compiled(self) -> Callable[..., Any]:
-        # The one program with the model in it. φ is mapped to θ before, by a small one, so that no model is compiled twice.
+        # On JAX's path, the one program with the model in it: φ is mapped to θ on the host, so that no model is compiled twice.
         return InLanes(self._parts, shard=self.likelihood.loops_over_time)
 
     def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,7 +24,6 @@ SIGNATURE = (
 """Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
 the lanes last. Threads take blocks from one counter."""
 
-
 LARGEST_STACK = 1 << 17
 """Numbers of histories that may be on a thread's stack: a megabyte."""
 

@@ -34,7 +34,6 @@ from structid.mechanics.lanes.vector_code import Number, VectorCode
 LARGEST_ARRAY = 4096
 """Largest array whose numbers are operated on one by one."""
 
-
 LARGEST_ROW = 256
 """Largest part of a history, or row of a shared array, whose numbers are operated on one by one."""
 
@@ -122,7 +121,7 @@ class Translator:
             found = moved(name, parameters, taken[0], shape)
             if found is not None:
                 return [found]
-        if any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in taken):
+        if not self._depth and any(isinstance(x, History) and size_of(x) > LONGEST_UNROLLED for x in taken):
             # An array that is repeated along another axis has no number for each number of the result.
             if name in ALONG_HISTORIES and {size_of(x) for x in taken} <= {1, math.prod(shape)}:
                 return [self._number_by_number(ARITHMETIC[name], parameters, taken, shape)]

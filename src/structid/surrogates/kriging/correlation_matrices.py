@@ -29,8 +29,12 @@ class CorrelationMatrices:
     """
 
     def __init__(self, family: str, separable: bool, points: np.ndarray) -> None:
-        self._points = np.ascontiguousarray(points)
+        self._form, self._points = (family, separable), np.ascontiguousarray(points)
         self._columns, self._gradients = _compiled(family, separable)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # A process that is sent a Kriging compiles for itself, or finds what this one compiled on disk.
+        return CorrelationMatrices, (*self._form, self._points)
 
     def with_points(self, others: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
         """Compute the correlations of the design with other points.

@@ -141,10 +141,12 @@ class ScoreShortcut(Shortcut):
 
     def _squares(self, scores: Any) -> Any:
         """‖r‖², shape (channel, run)."""
-        parts = zip(scores - self.nearest, self.inner, self.levers_beyond, self.squares_beyond, strict=True)
-        return jnp.stack(
-            [beyond + ((product(gap, inner) - 2.0 * levers) * gap).sum(axis=1) for gap, inner, levers, beyond in parts]
-        )
+        found = []
+        for channel in range(self.inner.shape[0]):
+            gap = scores - self.nearest[channel]
+            reached = product(gap, self.inner[channel]) - 2.0 * self.levers_beyond[channel]
+            found.append(self.squares_beyond[channel] + (reached * gap).sum(axis=1))
+        return jnp.stack(found)
 
     def _projected(self, scores: Any) -> Any:
         """Φ r, shape (channel, run, component)."""
