@@ -34,6 +34,7 @@ PINCHED = {"zeta0": 0.9, "p": 10.0, "q": 0.1, "psi0": 0.002, "delta_psi": 0.0005
 LAWS: dict[str, dict[str, Any]] = {
     "plain": {},
     "exponent 2": {"exponent": 2.0},
+    "exponent 1.5": {"exponent": 1.5},
     "degrading": DEGRADING,
     "pinching": PINCHED,
     "degrading and pinching": {"delta_a": 0.1} | DEGRADING | PINCHED,

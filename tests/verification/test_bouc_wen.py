@@ -352,6 +352,15 @@ def test_wrong_excitations_and_empty_designs_are_refused(short_record):
         si.BoucWen(**DEGRADING, free=("stiffness",))
 
 
+@pytest.mark.parametrize("exponent", [1.0, 2.0, 3.0, 5.0])
+def test_whole_exponents_are_the_same_by_products_and_by_logarithms(short_record, exponent):
+    """A fixed whole exponent is a product, a free one exp(n log |z|)."""
+    law = DEGRADING | dict(zeta0=0.5, p=2.0, q=0.2, psi0=0.01, delta_psi=0.001, lambda_=0.5)
+    fixed = si.BoucWen(**law, exponent=exponent).simulate(NOTHING_FREE, short_record).values
+    free = si.BoucWen(**law, free=("exponent",)).simulate([[exponent]], short_record).values
+    np.testing.assert_allclose(free, fixed, rtol=0.0, atol=1e-11 * np.abs(fixed).max())
+
+
 @pytest.mark.parametrize(
     "name", [*DEGRADING, "exponent", "amplitude", "delta_a", "initial_displacement", "initial_velocity"]
 )

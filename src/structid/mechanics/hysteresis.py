@@ -83,10 +83,11 @@ def power(base: Any, exponent: Any) -> Any:
     Returns
     -------
     array
-        The power; its derivatives at a base of zero are taken as zero.
+        The power: a product where the exponent is fixed at a whole number, else exp(n log |z|), whose derivatives at a base of
+        zero are taken as zero.
     """
-    if known(exponent, 1.0):
-        return base
+    if isinstance(exponent, float) and exponent.is_integer():
+        return base if exponent == 1.0 else base ** int(exponent)
     positive = base > 0.0
     return jnp.where(positive, jnp.exp(exponent * jnp.log(jnp.where(positive, base, 1.0))), 0.0)
 

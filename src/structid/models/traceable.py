@@ -340,12 +340,12 @@ def _with_status(
     values: np.ndarray, finite: np.ndarray, excitation: Excitation, units: dict[str, ChannelUnit]
 ) -> Histories:
     """Mark the runs whose state left the finite range, and blank what comes after."""
-    time = np.full(len(values), np.nan)
+    time, reasons = np.full(len(values), np.nan), [""] * len(values)
     for run in np.flatnonzero(~finite):
         good = np.isfinite(values[run]).all(axis=1)
         first_bad = len(good) if good.all() else int(np.argmin(good))
         values[run, first_bad:] = np.nan
         time[run] = min(first_bad, len(good) - 1) * excitation.dt
+        reasons[run] = f"not finite from {time[run]:g} s on"
     status = np.where(finite, Status.DONE, Status.DIVERGED)
-    reasons = tuple("" if good else f"not finite from {t:g} s on" for good, t in zip(finite, time, strict=True))
-    return Histories(values, excitation.dt, tuple(units), status, time, excitation.name, reasons, units)
+    return Histories(values, excitation.dt, tuple(units), status, time, excitation.name, tuple(reasons), units)

@@ -120,8 +120,32 @@ def test_the_same_bits_on_any_number_of_cores(alone, cores, monkeypatch):
 
 @pytest.mark.parametrize("width", [4, 8, 16, 32])
 def test_the_same_bits_for_any_number_of_lanes(alone, width, monkeypatch):
-    monkeypatch.setattr("structid.mechanics.lanes.in_lanes.lanes", lambda: width)
+    monkeypatch.setattr("structid.mechanics.lanes.in_lanes.lanes", lambda _: width)
     assert (InLanes(oscillation, (2, 0))(ROWS, RECORD)[0] == alone).all()
+
+
+def chain_of(masses):
+    """Springs in a row under a force: a state of two numbers for each mass."""
+
+    def motion(theta, record):
+        def step(state, force):
+            x, v = state
+            pulled = theta[:, 0] * (jnp.roll(x, 1, 0) - 2.0 * x + jnp.roll(x, -1, 0)) + force
+            v = v + 0.01 * pulled
+            return (x + 0.01 * v, v), x[-1:]
+
+        nothing = jnp.zeros((masses, theta.shape[0]))
+        (x, _), seen = jax.lax.scan(step, (nothing, nothing), record)
+        return seen, jnp.isfinite(x.sum(axis=0))
+
+    return motion
+
+
+@pytest.mark.parametrize(("masses", "times_the_register"), [(2, 2), (16, 1)])
+def test_a_large_state_has_one_register_for_each_number(masses, times_the_register):
+    ours, theirs = InLanes(chain_of(masses), (2, 0)), over_runs(chain_of(masses), (2, 0))
+    assert ours.compiled(1, (RECORD,)).kernel.width == machine.lanes() // 2 * times_the_register
+    np.testing.assert_allclose(ours(ROWS[:, :1], RECORD)[0], theirs(ROWS[:, :1], RECORD)[0], rtol=1e-12, atol=1e-15)
 
 
 # --- threads and processes ------------------------------------------------------------------------------------------

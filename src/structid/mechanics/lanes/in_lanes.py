@@ -15,7 +15,7 @@ from structid.device import jnp, over_runs, padded_size
 from structid.mechanics.lanes.blocks import on_all_cores
 from structid.mechanics.lanes.kernel import ENTRY, Kernel, kernel
 from structid.mechanics.lanes.machine import lanes, load, why_not
-from structid.mechanics.lanes.operations import Function
+from structid.mechanics.lanes.operations import Function, largest_state
 from structid.mechanics.lanes.primitives import UntranslatableError
 from structid.mechanics.lanes.row_by_row import row_by_row
 from structid.mechanics.lanes.signals import Signals
@@ -157,7 +157,7 @@ class _Bound:
         flat = Function.inlined(traced)
         foreign = foreign_results(flat)
         self._foreign = by_jax(flat, foreign) if foreign else None
-        self.kernel: Kernel = kernel(flat, lanes(), foreign)
+        self.kernel: Kernel = kernel(flat, lanes(largest_state(flat)), foreign)
         self._compiled = load(self.kernel.text, ENTRY)
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 

@@ -24,6 +24,10 @@ SIGNATURE = (
 """Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
 the lanes last. Threads take blocks from one counter."""
 
+LINE_OF_CACHE = 64
+"""Bytes of a line of a processor's cache. Registers that are spilled begin with one: by themselves they would be where a thread's
+stack happens to begin, and three times in four each load and store of one would touch two lines."""
+
 LARGEST_STACK = 1 << 17
 """Numbers of histories that may be on a thread's stack: a megabyte."""
 
@@ -115,7 +119,7 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
         code.lines[beginning:beginning] = memory.of_block(block, column, signals_of_a_run)
     places = memory.entry  # what it loads comes before it
     body = "\n".join([*code.entry, *places, *code.lines])
-    text = f"define void @{ENTRY}({SIGNATURE}) nounwind {{\n{body}\n  ret void\n}}\n"
+    text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
     found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
     return Kernel(text, width, translator.shared.values, found, taken, written, memory.rows)
 

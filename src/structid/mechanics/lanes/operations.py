@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -107,3 +108,45 @@ def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], op
             made = tuple(_written_out(called.jaxpr, inside, constants, operations))
         known.update(zip(equation.outvars, made, strict=True))
     return [read(atom) for atom in body.outvars]
+
+
+def largest_state(function: Function) -> int:
+    """Count the numbers that change from pass to pass of the loop in which most do.
+
+    Parameters
+    ----------
+    function : Function
+        Of one run.
+
+    Returns
+    -------
+    int
+        How many; 0 where there is no loop.
+    """
+    loops = [operation.params for operation in function.eqns if operation.primitive.name == "scan"]
+    return max((sum(math.prod(aval.shape) for aval in _carried(loop)) for loop in loops), default=0)
+
+
+def _carried(loop: dict[str, Any]) -> list[Any]:
+    """Shapes of what a loop carries from pass to pass."""
+    _, carried = constants_and_carried(loop)
+    return list(loop["jaxpr"].out_avals[:carried])
+
+
+def constants_and_carried(loop: dict[str, Any]) -> tuple[int, int]:
+    """Count the arrays that a loop takes: those that stay as they are, and those that change from pass to pass.
+
+    Parameters
+    ----------
+    loop : dict
+        Parameters of a `scan`.
+
+    Returns
+    -------
+    tuple of int
+        How many of each.
+    """
+    if "num_consts" in loop:
+        return loop["num_consts"], loop["num_carry"]
+    constants, carried, _ = loop["ft_in"].unpack()  # from JAX 0.11 on
+    return len(constants), len(carried)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jax.extend.core import Literal
 
-from structid.mechanics.lanes.operations import Function
+from structid.mechanics.lanes.operations import Function, constants_and_carried
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
 from structid.mechanics.lanes.shared_numbers import SharedNumbers
 from structid.mechanics.lanes.slots import Slots, Table
@@ -174,7 +174,7 @@ class Translator:
         """A loop over time, or one inside its step, such as that over the substeps of a sample."""
         if parameters["reverse"]:
             raise UntranslatableError("a loop that runs backwards")
-        constants, carried = _constants_and_carried(parameters)
+        constants, carried = constants_and_carried(parameters)
         length = parameters["length"]
         fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
         fixed = [
@@ -274,14 +274,6 @@ class Translator:
 
     def _row_of_history(self, history: History, at: str) -> Array:
         return array_of([self.code.load(p, lanes=True) for p in self._places(history, at)], history.shape[1:])
-
-
-def _constants_and_carried(parameters: dict[str, Any]) -> tuple[int, int]:
-    """How many of the arrays that a loop takes stay as they are, and how many change from pass to pass."""
-    if "num_consts" in parameters:
-        return parameters["num_consts"], parameters["num_carry"]
-    constants, carried, _ = parameters["ft_in"].unpack()  # from JAX 0.11 on
-    return len(constants), len(carried)
 
 
 def _elementwise(
