@@ -6,6 +6,7 @@ import pytest
 import structid as si
 from structid.errors import InputError
 from structid.inference.assessment.simulation_based_calibration import Ranks, ReplicatedPosterior
+from structid.mechanics.lanes import machine
 
 EXPLORER = si.SMC(particles=60, ensembles=1, steps=30, effective_share=0.5, correlation=0.3)
 REPLICAS = 100
@@ -100,6 +101,7 @@ def test_the_posteriors_side_by_side_are_those_of_each_replica(pieces, kind, law
     np.testing.assert_allclose(target.evaluate(phi)[0], prior + likelihood, rtol=1e-12)
     np.testing.assert_allclose(target.log_density(theta) + jacobian, prior + likelihood, rtol=1e-9)
     assert not failed.any()
+    assert kind != "model" or machine.why_not() or target._in_lanes is not None, "compiled lanes are not used"
 
 
 def test_verdicts_of_made_up_ranks():

@@ -26,7 +26,10 @@ from structid.inference.sampling.sampler import Block
 from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 from structid.journal import digest
-from structid.models.face import Model, Progress
+from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.lanes.signals import Signals
+from structid.models.face import LARGEST_BATCH, Model, Progress
+from structid.models.traceable import TracedExcitation
 from structid.streams import Purpose, stream
 from structid.units import label
 
@@ -275,6 +278,7 @@ class ReplicatedPosterior(Target):
         self._posterior = posterior
         self._values = [np.ascontiguousarray(v.transpose(1, 2, 0)) for v in values]
         self._count = len(values[0])
+        self._kept_signals: tuple[int, list[tuple[slice, Signals]]] | None = None
 
     @property
     def knows_prior(self) -> bool:
@@ -296,6 +300,33 @@ class ReplicatedPosterior(Target):
 
         return over_runs(parts, shard=self._posterior.likelihood.loops_over_time)
 
+    @cached_property
+    def _in_lanes(self) -> Callable[..., Any] | None:
+        """The density in compiled lanes, the measurements of a run its signals; None where that cannot be.
+
+        A shorter way to the likelihood than a loop over time takes the measurements in another form.
+        """
+        posterior = self._posterior
+        if not (posterior.model.traceable and posterior.likelihood.loops_over_time and len(self._values) == 1):
+            return None
+        (measured,) = self._measured
+        if measured.shortcut is not None:
+            return None
+
+        def parts(phi: Any, signals: Any, excitation: TracedExcitation) -> tuple[Any, Any, Any]:
+            return posterior.parts_in_coordinates(phi, (Measured(excitation, signals, None),))
+
+        return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), self._values[0].shape[:2])
+
+    def _signals(self, runs: int) -> list[tuple[slice, Signals]]:
+        """Batches of so many runs, replica by replica, and what each of these measured. Those of one number of runs are kept."""
+        if self._kept_signals is None or self._kept_signals[0] != runs:
+            own = self._values[0].transpose(2, 0, 1)
+            batches = [slice(start, start + LARGEST_BATCH) for start in range(0, runs, LARGEST_BATCH)]
+            replica = np.repeat(np.arange(self._count), runs // self._count)
+            self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]
+        return self._kept_signals[1]
+
     def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood; see `Target.evaluate_parts`.
 
@@ -310,6 +341,11 @@ class ReplicatedPosterior(Target):
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
         replica = np.repeat(np.arange(self._count), len(phi) // self._count)
+        lanes = self._in_lanes
+        if lanes is not None:
+            parts = [lanes(phi[runs], signals) for runs, signals in self._signals(len(phi))]
+            prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
+            return prior, likelihood, failed
         if self._posterior.model.traceable:
             rows = np.concatenate([phi, replica[:, None]], axis=1)
             prior, likelihood, failed = in_batches(self._compiled, rows, self._measured)

@@ -86,7 +86,7 @@ class InLanes:
             return lanes(theta, signals)
         if signals is None:
             return self._by_jax(theta, *constants)
-        rows = np.hstack([theta, signals.values.reshape(len(theta), -1)])
+        rows = np.hstack([theta, signals.of_runs.reshape(len(theta), -1)])
         return self._jax_of_rows(theta.shape[1], signals.shape)(rows, *constants)
 
     def _jax_of_rows(self, parameters: int, shape: tuple[int, int]) -> Callable[..., Any]:

@@ -13,11 +13,14 @@ class Signals:
 
     Parameters
     ----------
-    values : ndarray, shape (run, time, signal)
+    values : ndarray, shape (set, time, signal)
         The signals.
+    set_of_run : ndarray of int, shape (run,), optional
+        Which of them each run has; when left out, each run has its own.
     """
 
     values: np.ndarray
+    set_of_run: np.ndarray | None = None
     _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -25,6 +28,11 @@ class Signals:
         """Numbers of samples and of signals."""
         _, samples, signals = self.values.shape
         return samples, signals
+
+    @property
+    def of_runs(self) -> np.ndarray:
+        """Signals of every run, shape (run, time, signal)."""
+        return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
     def in_blocks(self, width: int) -> np.ndarray:
         """Put the runs of a block beside each other, so that it reads its samples one after the other.
@@ -40,8 +48,8 @@ class Signals:
             The last block is filled with its last run. It is made once.
         """
         if width not in self._in_blocks:
-            runs = len(self.values)
-            rows = np.minimum(np.arange(-(-runs // width) * width), runs - 1)
-            blocks = self.values[rows].reshape(-1, width, *self.shape)
+            sets = np.arange(len(self.values)) if self.set_of_run is None else self.set_of_run
+            filled = np.pad(sets, (0, -len(sets) % width), mode="edge")
+            blocks = self.values[filled].reshape(-1, width, *self.shape)
             self._in_blocks[width] = np.ascontiguousarray(np.moveaxis(blocks, 1, 3), dtype=np.float64)
         return self._in_blocks[width]
