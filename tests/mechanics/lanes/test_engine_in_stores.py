@@ -55,4 +55,5 @@ def test_true_runs_of_another_engine_are_kept_when_asked(tmp_path, study_space, 
         runs()
     np.testing.assert_array_equal(runs(adopt=True), first)
     path.unlink()
-    np.testing.assert_allclose(runs(), first, rtol=1e-12)
+    # A history passes through zero: last digits are counted from its largest value.
+    np.testing.assert_allclose(runs(), first, rtol=0.0, atol=1e-12 * np.abs(first).max())
