@@ -24,6 +24,7 @@ _PUBLIC = {
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",
     "Design": "probability.space",
     "DisplacementHistory": "ground_motion.excitation",
+    "Drifting": "inference.likelihood.drifting",
     "ForceHistory": "ground_motion.excitation",
     "Frozen": "probability.marginals",
     "Gamma": "probability.marginals",

@@ -19,7 +19,7 @@ from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status
 from structid.inference.assessment.certificate import Certificate, Limits, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
@@ -124,7 +124,7 @@ def calibrate(
     space: ParameterSpace,
     observations: Observation | Sequence[Observation],
     surrogate: SurrogateSettings | None = None,
-    discrepancy: Discrepancy | None = None,
+    discrepancy: ErrorLaw | None = None,
     *,
     true_runs: int = 500,
     plan: Plan | None = None,
@@ -183,6 +183,13 @@ def calibrate(
         If `store` belongs to another calibration.
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
+    if discrepancy is not None and discrepancy.added is not discrepancy:
+        raise InputError(
+            "calibrate(discrepancy)",
+            f"{discrepancy.describe()['kind']}, whose errors are inside the model",
+            "errors that are added to the response: iid, ar1, matern32, damped_cosine",
+            "A surrogate stands for the model as it is. Sample the model itself: structid.sample, or a study without a surrogate.",
+        )
     with kept_open(model, executor) as workers:
         loop = _Loop(
             Posterior(space, model, observations, discrepancy),

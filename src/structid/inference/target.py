@@ -39,6 +39,11 @@ class Target(ABC):
         return dict.fromkeys(self.names, "")
 
     @property
+    def hidden(self) -> frozenset[str]:
+        """Parameters that are sampled but are of no interest by themselves; tables and figures leave them out."""
+        return frozenset()
+
+    @property
     def costs_runs(self) -> bool:
         """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
         return False

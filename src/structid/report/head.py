@@ -23,7 +23,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
         Heads and rows, in display units.
     """
     summary = material.summary
-    factors = material.posterior.factors
+    factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust = "robust_sd" in summary.columns
     heads = ["parameter", "mean", "sd", *(["robust sd"] if robust else []), "5 %", "95 %", "MAP"]
     if material.true_values:
@@ -41,7 +41,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
         ]
         if material.true_values:
             truth = material.true_values.get(name)
-            row.append("–" if truth is None else number(truth / factors[i]))
+            row.append("–" if truth is None else number(truth / factors[name]))
         rows.append(row)
     return heads, rows
 

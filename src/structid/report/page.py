@@ -102,7 +102,7 @@ def write_report(
         calibration=material.calibration,
         too_sure=discrepancy.independent and any(r.correlated for r in material.result.residuals),
         independent=discrepancy.independent,
-        law=discrepancy.describe()["kind"].replace("_", " "),
+        law=material.posterior.law.describe()["kind"].replace("_", " "),
         has_truth=bool(material.true_values),
         parameters=material.posterior.names,
         exp=np.exp,

@@ -93,13 +93,15 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     InputError
         If the model has no derivatives.
     """
-    model = as_traceable(posterior.model, "identifiability", "a built-in model")
+    as_traceable(posterior.model, "identifiability", "a built-in model")
     own = posterior.likelihood.discrepancy_names
     kept = [i for i, name in enumerate(posterior.names) if name not in own]
     point = jnp.asarray(theta)[None, :]
 
     def whitened(moved: Any, bound: BoundLikelihood) -> Any:
-        response, _ = model.response(posterior.model_parameters(moved), bound.measured.excitation)
+        response, _ = as_traceable(bound.model, "identifiability").response(
+            bound.parameters(moved), bound.measured.excitation
+        )
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
         return bound.discrepancy.whiten(bound.shown(response, moved), unknown, bound.channels, bound.dt)
 

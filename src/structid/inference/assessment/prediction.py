@@ -88,7 +88,8 @@ def predict(
         Draws in SI.
     record : Excitation, optional
         The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
-        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
+        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument;
+        parameters that drift do so in another way, as far as they did on the measured record.
     channels : tuple of str, optional
         What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
@@ -103,12 +104,14 @@ def predict(
     """
     observations = posterior.observations
     record = observations[0].record if record is None else record
-    index = next((i for i, o in enumerate(observations) if o.record is record), None)
+    hidden = stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+    model, parameters, index = posterior.likelihood.on_record(theta, record, hidden)
     observation = observations[index or 0]
     channels = observation.channels if channels is None else tuple(channels)
     every = tuple(dict.fromkeys((*observation.channels, *channels)))
-    model = posterior.model.recording(*every) if set(every) - set(posterior.model.channels) else posterior.model
-    run = model.simulate(np.asarray(posterior.model_parameters(theta)), record, progress=progress, map=posterior.map)
+    if set(every) - set(model.channels):
+        model = model.recording(*every)
+    run = model.simulate(parameters, record, progress=progress, map=posterior.map)
     good = run.done
     response = run.values[good][:, :, [run.channels.index(c) for c in every]]
     unknown = posterior.unknowns(theta[good], index or 0)

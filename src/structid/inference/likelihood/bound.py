@@ -16,11 +16,12 @@ import numpy as np
 
 from structid.device import jnp
 from structid.errors import Status
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.mechanics.time_loop import TimeLoop, sum_of_squares
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
+from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 
 
@@ -62,14 +63,14 @@ class Measured:
 jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", "shortcut"], meta_fields=[])
 
 
-def own_priors(observation: Observation, discrepancy: Discrepancy) -> dict[str, Marginal]:
+def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
     """Priors of the parameters that an observation has besides the model's.
 
     Parameters
     ----------
     observation : Observation
         With its nuisances.
-    discrepancy : Discrepancy
+    law : ErrorLaw
         With its parameters.
 
     Returns
@@ -77,9 +78,9 @@ def own_priors(observation: Observation, discrepancy: Discrepancy) -> dict[str, 
     dict of str to Marginal
         By plain names, the nuisances first.
     """
-    return observation.nuisances() | discrepancy.parameters(
-        observation.values, observation.channels, observation.record.dt, observation.si_units
-    )
+    record = observation.record
+    added = law.added.parameters(observation.values, observation.channels, record.dt, observation.si_units)
+    return observation.nuisances() | added | law.hidden_parameters(record.duration)
 
 
 class BoundLikelihood:
@@ -93,8 +94,10 @@ class BoundLikelihood:
         Record, values and nuisances.
     discrepancy : Discrepancy
         The law of the difference between model and measurement.
-    columns : mapping of str to int
-        Column of each of the observation's own parameters in θ, by plain name; see `own_priors`.
+    space : ParameterSpace
+        All parameters θ.
+    own : mapping of str to str
+        Names in θ of the observation's own parameters, by plain name; see `own_priors`.
     model_error : bool
         Whether a surrogate's own variance is added to that of the discrepancy.
     """
@@ -104,11 +107,14 @@ class BoundLikelihood:
         model: Model,
         observation: Observation,
         discrepancy: Discrepancy,
-        columns: Mapping[str, int],
+        space: ParameterSpace,
+        own: Mapping[str, str],
         model_error: bool = False,
     ) -> None:
         self.model, self.observation, self.discrepancy = model, observation, discrepancy
-        self._columns, self._model_error = dict(columns), model_error
+        self._space, self._model_error = space, model_error
+        self._columns = {plain: space.names.index(name) for plain, name in own.items()}
+        self._free = tuple(own.get(name, name) for name in model.free)
         self.channels, self.dt = observation.channels, observation.record.dt
         self._places = np.array([model.channels.index(c) for c in observation.channels])
 
@@ -128,6 +134,21 @@ class BoundLikelihood:
             By their plain names.
         """
         return {name: theta[:, column] for name, column in self._columns.items()}
+
+    def parameters(self, theta: Any) -> Any:
+        """Columns of the model's free parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        array, shape (run, free parameter)
+            In the model's order.
+        """
+        return self._space.columns(theta, self._free)
 
     def shown(self, response: Any, theta: Any) -> Any:
         """Turn a model's response into what the instruments would show, inside JAX.
@@ -214,15 +235,13 @@ class BoundLikelihood:
         model, record = self._traceable, self.observation.record
         return Measured(model.traced(record), values, model.shortcut(record, values, self.channels))
 
-    def traced(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+    def traced(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood and success of every run, inside JAX, by the shortest way.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             All parameters.
-        parameters : jax.Array, shape (run, free parameter)
-            Those of the model.
         measured : Measured
             Record and measurements.
 
@@ -232,10 +251,11 @@ class BoundLikelihood:
             Log-likelihood, and whether the response is finite.
         """
         if self._model_error:
-            return self._with_model_error(theta, parameters, measured)
+            return self._with_model_error(theta, measured)
         if self.discrepancy.independent:
-            squares, finite = self.squares(theta, parameters, measured)
+            squares, finite = self.squares(theta, measured)
             return self.of_squares(squares, theta), finite
+        parameters = self.parameters(theta)
         loop = self._loop(parameters, measured)
         fold = self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, len(measured.values))
         if loop is None or fold is None:
@@ -243,15 +263,13 @@ class BoundLikelihood:
             return self.given(response, theta, measured.values), finite
         return loop.folded(fold, measured.values, self._residual(theta))
 
-    def squares(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+    def squares(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Sum of squared residuals over time, inside JAX, by the shortest way.
 
         Parameters
         ----------
         theta : jax.Array, shape (run, parameter)
             All parameters.
-        parameters : jax.Array, shape (run, free parameter)
-            Those of the model.
         measured : Measured
             Record and measurements.
 
@@ -260,6 +278,7 @@ class BoundLikelihood:
         tuple of jax.Array
             Σ (y − M)² (channel, run), and whether the response is finite (run,).
         """
+        parameters = self.parameters(theta)
         if measured.shortcut is not None and not self.observation.nuisances():
             return measured.shortcut.squares(parameters)
         loop = self._loop(parameters, measured)
@@ -279,9 +298,9 @@ class BoundLikelihood:
         """The function from the response and the measurement at one sample to their difference."""
         return lambda response, values: values - self.shown(response, theta)
 
-    def _with_model_error(self, theta: Any, parameters: Any, measured: Measured) -> tuple[Any, Any]:
+    def _with_model_error(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood with the model's own variance added to that of the discrepancy."""
-        unknown = self.unknowns(theta)
+        unknown, parameters = self.unknowns(theta), self.parameters(theta)
         if self.needs_only_squares and measured.shortcut is not None:
             variance = self.discrepancy.variances(unknown, self.channels, theta.shape[0], jnp)
             exact = measured.shortcut.marginal_log_likelihood(parameters, variance)
@@ -301,7 +320,7 @@ class BoundLikelihood:
     # --- on the host --------------------------------------------------------------------------------------------
 
     def on_host(
-        self, theta: np.ndarray, parameters: np.ndarray, map: Map | None, values: np.ndarray | None = None
+        self, theta: np.ndarray, map: Map | None, values: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-likelihood and failure of every run of a model that is not a JAX function.
 
@@ -309,8 +328,6 @@ class BoundLikelihood:
         ----------
         theta : ndarray, shape (run, parameter)
             All parameters.
-        parameters : ndarray, shape (run, free parameter)
-            Those of the model.
         map : callable or None
             Does several runs at a time, like ``Executor.map``.
         values : ndarray, shape (time, channel, 1 or run), optional
@@ -322,7 +339,7 @@ class BoundLikelihood:
             Log-likelihood, −inf where the response does not reach the end; and which runs failed. A run in which the structure
             failed is not among them: parameters that let it collapse are impossible, and that is an answer.
         """
-        run = self.model.simulate(parameters, self.observation.record, map=map)
+        run = self.model.simulate(np.asarray(self.parameters(theta)), self.observation.record, map=map)
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
         found = np.asarray(self.given(response, theta, values))

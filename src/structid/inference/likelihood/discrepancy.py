@@ -9,11 +9,85 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.mechanics.time_loop import Fold
+from structid.models.face import Model
+from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 
 
-class Discrepancy(ABC):
+class ErrorLaw(ABC):
+    """What may be wrong between model and measurement: errors inside the model, and errors ε added to its response."""
+
+    @property
+    @abstractmethod
+    def added(self) -> Discrepancy:
+        """The law of the errors that are added to the response."""
+
+    def among(self, space: ParameterSpace, duration: float) -> ErrorLaw:
+        """Return the law for a model with these unknown parameters.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The model's parameters and their priors.
+        duration : float
+            Of the first record [s].
+
+        Returns
+        -------
+        ErrorLaw
+            The same law, where what it says does not depend on them.
+        """
+        return self
+
+    @property
+    def shared_parameters(self) -> dict[str, Marginal]:
+        """Further parameters that all observations share, and their priors."""
+        return {}
+
+    def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
+        """Values inside the model that each observation has for itself: sampled, but of no interest by themselves.
+
+        Parameters
+        ----------
+        duration : float
+            Of its record [s].
+
+        Returns
+        -------
+        dict of str to Marginal
+            Their priors.
+        """
+        return {}
+
+    def responding(self, model: Model, duration: float) -> Model:
+        """Return the model with the errors inside.
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+        duration : float
+            Of the record that drives it [s].
+
+        Returns
+        -------
+        Model
+            The same, where no errors are inside.
+        """
+        return model
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Return everything that defines the law, for hashes and reports."""
+
+
+class Discrepancy(ErrorLaw):
     """A law of ε with parameters of its own, which are inferred with the model's."""
+
+    @property
+    def added(self) -> Discrepancy:
+        """Itself."""
+        return self
 
     independent: ClassVar[bool] = False
     """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
@@ -206,7 +280,3 @@ class Discrepancy(ABC):
         ndarray, shape (run, time, channel)
             ε in SI.
         """
-
-    @abstractmethod
-    def describe(self) -> dict[str, Any]:
-        """Return everything that defines the law, for hashes and reports."""

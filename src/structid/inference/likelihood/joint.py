@@ -10,8 +10,9 @@ import numpy as np
 
 from structid.device import jnp
 from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.bound import BoundLikelihood, Measured, own_priors
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Map, Model, Progress
 from structid.models.traceable import as_traceable
@@ -32,8 +33,8 @@ class JointLikelihood:
         The model.
     observations : tuple of Observation
         What was measured.
-    discrepancy : Discrepancy
-        The law of the difference between model and measurement.
+    law : ErrorLaw
+        What may be wrong between model and measurement.
     map : callable or None
         Does several runs of an external solver at a time, like ``Executor.map``.
     model_error : bool
@@ -52,24 +53,26 @@ class JointLikelihood:
         model_space: ParameterSpace,
         model: Model,
         observations: tuple[Observation, ...],
-        discrepancy: Discrepancy,
+        law: ErrorLaw,
         *,
         map: Map | None = None,
         model_error: bool = False,
     ) -> None:
-        self.model, self.discrepancy, self._map = model, discrepancy, map
+        self.model, self._map = model, map
+        self.law = law.among(model_space, observations[0].record.duration)
         self._several = len(observations) > 1
-        own = [own_priors(observation, discrepancy) for observation in observations]
+        own = [own_priors(observation, self.law) for observation in observations]
         self.space = model_space.extended(
-            **{self._label(name, index): prior for index, priors in enumerate(own) for name, prior in priors.items()}
+            **self.law.shared_parameters,
+            **{self._label(name, index): prior for index, priors in enumerate(own) for name, prior in priors.items()},
         )
-        names = self.space.names
         self.of = tuple(
             BoundLikelihood(
-                model,
+                self.law.responding(model, observation.record.duration),
                 observation,
-                discrepancy,
-                {name: names.index(self._label(name, index)) for name in own[index]},
+                self.law.added,
+                self.space,
+                {name: self._label(name, index) for name in own[index]},
                 model_error,
             )
             for index, observation in enumerate(observations)
@@ -81,11 +84,20 @@ class JointLikelihood:
     @property
     def discrepancy_names(self) -> set[str]:
         """Parameters of the discrepancy, for all observations."""
+        return set(self.law.shared_parameters) | {
+            self._label(name, index)
+            for index, bound in enumerate(self.of)
+            for name in own_priors(bound.observation, self.law)
+            if name not in bound.observation.nuisances()
+        }
+
+    @property
+    def hidden_names(self) -> set[str]:
+        """Parameters of no interest by themselves, of all observations; see `ErrorLaw.hidden_parameters`."""
         return {
             self._label(name, index)
             for index, bound in enumerate(self.of)
-            for name in own_priors(bound.observation, self.discrepancy)
-            if name not in bound.observation.nuisances()
+            for name in self.law.hidden_parameters(bound.observation.record.duration)
         }
 
     def model_parameters(self, theta: Any) -> Any:
@@ -102,6 +114,33 @@ class JointLikelihood:
             In the model's order.
         """
         return self.space.columns(theta, self.model.free)
+
+    def on_record(
+        self, theta: np.ndarray, record: Excitation, rng: np.random.Generator
+    ) -> tuple[Model, np.ndarray, int | None]:
+        """Model and parameters that respond to a record, the errors inside the model with them.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            All parameters.
+        record : Excitation
+            A measured one, or another one, for which hidden values are drawn from their priors.
+        rng : numpy.random.Generator
+            Source of these draws.
+
+        Returns
+        -------
+        tuple of Model, ndarray (run, free parameter), int or None
+            The model, its parameters, and which observation has that record; None for another one.
+        """
+        for index, bound in enumerate(self.of):
+            if bound.observation.record is record:
+                return bound.model, np.asarray(bound.parameters(theta)), index
+        model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
+        known = self.space.columns(theta, [name for name in model.free if name not in hidden])
+        drawn = ParameterSpace(None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
+        return model, np.concatenate([known, drawn], axis=1), None
 
     def points(self, theta: np.ndarray) -> np.ndarray:
         """Check an array of parameters.
@@ -151,16 +190,15 @@ class JointLikelihood:
             Log-likelihood, and whether it is finite.
         """
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
-        parameters = self.model_parameters(theta)
         for bound, own in zip(self.of, data, strict=True):
-            more, good = bound.traced(theta, parameters, own)
+            more, good = bound.traced(theta, own)
             total, finite = total + more, finite & good
         return total, finite & jnp.isfinite(total)
 
     @property
     def loops_over_time(self) -> bool:
         """Whether it is a loop over time inside JAX, which XLA runs on one core."""
-        return as_traceable(self.model, "likelihood inside JAX").loops or not self.discrepancy.independent
+        return as_traceable(self.model, "likelihood inside JAX").loops or not self.law.added.independent
 
     def on_host(
         self, theta: np.ndarray, inside: np.ndarray, values: Sequence[np.ndarray] | None = None
@@ -185,11 +223,10 @@ class JointLikelihood:
         rows = np.flatnonzero(inside)
         if rows.size == 0:
             return likelihood, failed
-        parameters = np.asarray(self.model_parameters(theta[rows]))
         total = np.zeros(rows.size)
         for index, bound in enumerate(self.of):
             own = None if values is None else values[index][:, :, rows]
-            more, bad = bound.on_host(theta[rows], parameters, self._map, own)
+            more, bad = bound.on_host(theta[rows], self._map, own)
             total, failed[rows] = total + more, failed[rows] | bad
         likelihood[rows] = total
         return likelihood, failed
@@ -212,6 +249,7 @@ class JointLikelihood:
             In SI; NaN where a run failed.
         """
         theta, bound = self.points(theta), self.of[index]
-        parameters = np.asarray(self.model_parameters(theta))
-        run = self.model.simulate(parameters, bound.observation.record, progress=progress, map=self._map)
+        run = bound.model.simulate(
+            np.asarray(bound.parameters(theta)), bound.observation.record, progress=progress, map=self._map
+        )
         return np.asarray(bound.shown(run.values.transpose(1, 2, 0), theta)).transpose(2, 0, 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.inference.likelihood import independent, kernels
+from structid.inference.likelihood import drifting, independent, kernels
 from structid.inference.likelihood.law_kind import LawKind
 
 LAWS: tuple[LawKind, ...] = (
@@ -10,4 +10,5 @@ LAWS: tuple[LawKind, ...] = (
     kernels.AR1_KIND,
     kernels.MATERN32_KIND,
     kernels.DAMPED_COSINE_KIND,
+    drifting.DRIFTING_KIND,
 )

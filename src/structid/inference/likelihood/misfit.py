@@ -71,10 +71,9 @@ class Misfit:
 
     def _residuals(self, theta: Any, data: Any) -> Any:
         """All weighted residuals of every run, (residual, run)."""
-        likelihood, model = self._likelihood, as_traceable(self._likelihood.model, "misfit")
         full, parts = self._with_rest(theta), []
-        for bound, measured, weights in zip(likelihood.of, data, self._weights, strict=True):
-            response, _ = model.response(likelihood.model_parameters(full), measured.excitation)
+        for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
+            response, _ = as_traceable(bound.model, "misfit").response(bound.parameters(full), measured.excitation)
             residual = (measured.values - bound.shown(response, full)) * np.sqrt(weights)[:, None]
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
@@ -82,10 +81,9 @@ class Misfit:
     def _value(self, theta: Any, data: Any) -> Any:
         """J(θ) inside JAX, shape (run,); +inf where the response is not finite."""
         full = self._with_rest(theta)
-        parameters = self._likelihood.model_parameters(full)
         total = jnp.zeros(theta.shape[0])
         for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
-            squares, finite = bound.squares(full, parameters, measured)
+            squares, finite = bound.squares(full, measured)
             total = total + jnp.where(finite, (weights[:, None] * squares).sum(axis=0), jnp.inf)
         return total
 

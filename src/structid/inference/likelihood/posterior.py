@@ -16,7 +16,7 @@ from structid.device import BATCH_SIZES, jnp
 from structid.errors import InputError
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.given_responses import GivenResponses
 from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.joint import JointLikelihood
@@ -40,8 +40,8 @@ class Posterior(Target):
         Any model: built in, external, or a surrogate.
     observations : Observation or sequence of Observation
         The measurements; each has its own discrepancy and nuisances, numbered ``_1``, ``_2``, … when there are several.
-    discrepancy : Discrepancy
-        The law of the difference between model and measurement.
+    discrepancy : ErrorLaw
+        The law of the difference between model and measurement: of errors that are added to the response, or inside the model.
     map : callable, optional
         Maps the runs of an external model, like ``Executor.map``.
     refuse_unfit : bool
@@ -56,6 +56,8 @@ class Posterior(Target):
     ----------
     names : tuple of str
         The model's parameters, then the nuisances, then the discrepancy's parameters.
+    law, discrepancy : ErrorLaw, Discrepancy
+        All that may be wrong between model and measurement, and of it what is added to the response.
     """
 
     def __init__(
@@ -63,19 +65,18 @@ class Posterior(Target):
         space: ParameterSpace,
         model: Model,
         observations: Observation | Sequence[Observation],
-        discrepancy: Discrepancy | None = None,
+        discrepancy: ErrorLaw | None = None,
         map: Map | None = None,
         refuse_unfit: bool = True,
         model_error: bool = False,
     ) -> None:
         self.model_space, self.model, self.map, self.model_error = space, model, map, model_error
         self.observations = (observations,) if isinstance(observations, Observation) else tuple(observations)
-        self.discrepancy = IID() if discrepancy is None else discrepancy
         self._check(refuse_unfit)
-        self.likelihood = JointLikelihood(
-            space, model, self.observations, self.discrepancy, map=map, model_error=model_error
-        )
-        self.space = self.likelihood.space
+        law = IID() if discrepancy is None else discrepancy
+        self.likelihood = JointLikelihood(space, model, self.observations, law, map=map, model_error=model_error)
+        self.law, self.space = self.likelihood.law, self.likelihood.space
+        self.discrepancy = self.law.added
         self.names = self.space.names
         self.bijection = self.space.bijection
 
@@ -96,7 +97,7 @@ class Posterior(Target):
             "space": self.model_space,
             "model": self.model,
             "observations": self.observations,
-            "discrepancy": self.discrepancy,
+            "discrepancy": self.law,
             "map": self.map,
             "refuse_unfit": False,
             "model_error": self.model_error,
@@ -107,6 +108,11 @@ class Posterior(Target):
     def knows_prior(self) -> bool:
         """Always: prior and likelihood can be evaluated separately."""
         return True
+
+    @property
+    def hidden(self) -> frozenset[str]:
+        """What the errors inside the model are at single times; see `ErrorLaw.hidden_parameters`."""
+        return frozenset(self.likelihood.hidden_names)
 
     @property
     def costs_runs(self) -> bool:
@@ -171,7 +177,7 @@ class Posterior(Target):
     def content_hash(self) -> str:
         """Hash of prior, model, measurements and discrepancy."""
         described = [o.describe() for o in self.observations]
-        parts = [self.space.content_hash, self.model.content_hash, described, self.discrepancy.describe()]
+        parts = [self.space.content_hash, self.model.content_hash, described, self.law.describe()]
         return digest(*parts, *(["model error"] if self.model_error else []))
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -21,16 +21,17 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 
 def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
-    result, space = material.result, material.posterior.space
-    factors, names = space.factors, space.names
+    result, space, shown = material.result, material.posterior.space, material.result.shown
+    factors, names, units = space.factors, space.names, list(space.units.values())
     truth = {n: v / factors[names.index(n)] for n, v in material.true_values.items()}
+    prior = space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors
     figures.marginals(
-        names,
-        list(space.units.values()),
-        space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors,
-        result.thinned(20_000) / factors,
-        [tuple(b / f) for b, f in zip(space.bounds, factors, strict=True)],
-        material.best / factors,
+        tuple(names[i] for i in shown),
+        [units[i] for i in shown],
+        prior[:, shown],
+        (result.thinned(20_000) / factors)[:, shown],
+        [tuple(space.bounds[i] / factors[i]) for i in shown],
+        (material.best / factors)[shown],
         truth,
         save=folder / "marginals",
     )
@@ -40,10 +41,10 @@ def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
 
 
 def _pairs(material: PosteriorMaterial, folder: Path) -> Picture:
-    space = material.posterior.space
-    draws = material.result.thinned(20_000) / space.factors
-    units = list(space.units.values())
-    figures.pairs(space.names, units, draws, material.best / space.factors, save=folder / "pairs")
+    space, shown = material.posterior.space, material.result.shown
+    draws = (material.result.thinned(20_000) / space.factors)[:, shown]
+    names, units = tuple(space.names[i] for i in shown), [list(space.units.values())[i] for i in shown]
+    figures.pairs(names, units, draws, (material.best / space.factors)[shown], save=folder / "pairs")
     return Picture("pairs", "Pairs of parameters, their correlation above the diagonal; + is the MAP.")
 
 
@@ -55,7 +56,9 @@ def _identifiability(information: Identifiability, folder: Path) -> Picture:
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
-    priors = [[pretty(name), str(prior)] for name, prior in material.posterior.space.marginals.items()]
+    hidden = material.posterior.hidden
+    marginals = material.posterior.space.marginals
+    priors = [[pretty(name), str(prior)] for name, prior in marginals.items() if name not in hidden]
     tables = [Table("Priors", (["parameter", "prior (native parameters)"], priors), of_words=True)]
     information = material.information
     if information is None:

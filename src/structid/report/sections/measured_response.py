@@ -49,7 +49,8 @@ class _Predicted:
         """Loops of the MAP estimate and of the draws, shape (draw, time, 3)."""
         posterior = self.material.true_posterior
         theta = np.vstack([self.material.best, self.material.draws])
-        found = simulated_loops(posterior.model, np.asarray(posterior.model_parameters(theta)), self.observation.record)
+        model, parameters, _ = posterior.likelihood.on_record(theta, self.observation.record, np.random.default_rng(0))
+        found = simulated_loops(model, parameters, self.observation.record)
         assert found is not None
         return found
 

@@ -85,7 +85,7 @@ class BuiltStudy:
             parts["campaign records"] = [r.content_hash for r in self.campaign_records]
         if self.posterior is not None:
             parts["observation"] = digest([o.describe() for o in self.posterior.observations])
-            parts["discrepancy"] = digest(self.posterior.discrepancy.describe())
+            parts["discrepancy"] = digest(self.posterior.law.describe())
             parts["sampler"] = digest(self.sampler.describe())
         if self.has_surrogate:
             said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})

@@ -13,7 +13,7 @@ from structid.errors import InputError, within
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.inference.likelihood import law_list
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.law_kind import SQUARED
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Model
@@ -111,7 +111,7 @@ def _si_unit(section: ObservationSection, where: str) -> str:
         return si_unit(section.unit)
 
 
-def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepancy:
+def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> ErrorLaw:
     """Build the law of the difference between model and measurement.
 
     Parameters
@@ -123,7 +123,7 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepan
 
     Returns
     -------
-    Discrepancy
+    ErrorLaw
         The law.
 
     Raises
@@ -152,5 +152,5 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> Discrepan
     }
     values |= {key: getattr(section, key) for key in kind.switches if key in given}
     with within("table 'discrepancy'"):
-        law: Discrepancy = kind.law(**values)
+        law: ErrorLaw = kind.law(**values)
     return law

@@ -19,7 +19,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
             posterior.model_space,
             posterior.observations,
             surrogate_settings(study.file.surrogate),
-            posterior.discrepancy,
+            posterior.law,
             plan=study.plan,
             sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
             seed=study.file.seed,

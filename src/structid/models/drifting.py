@@ -1,0 +1,185 @@
+"""A model whose parameters drift while it responds: what a wrong model's error often is."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.channels import ChannelUnit
+from structid.device import jnp
+from structid.errors import InputError
+from structid.ground_motion.excitation import Excitation
+from structid.journal import digest
+from structid.mechanics.time_loop import State, TimeLoop
+from structid.models.face import Model
+from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable
+from structid.probability.space import ParameterSpace
+
+
+def drift_name(name: str) -> str:
+    """Name of the standard deviation by which a parameter drifts.
+
+    Parameters
+    ----------
+    name : str
+        The parameter.
+
+    Returns
+    -------
+    str
+        Its drift.
+    """
+    return f"{name}_drift"
+
+
+def knot_names(names: tuple[str, ...], knots: int) -> tuple[str, ...]:
+    """Names of the drifts at the knots.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters that drift.
+    knots : int
+        How many knots each has.
+
+    Returns
+    -------
+    tuple of str
+        Parameter by parameter; knots are numbered from 1.
+    """
+    return tuple(f"{name}_at_{knot}" for name in names for knot in range(1, knots + 1))
+
+
+class DriftingModel(TraceableModel):
+    """A model with parameters that are piecewise linear in time.
+
+    θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) in their prior
+
+    θ(t) is kept within the support of the prior of θ, and is constant over a sample. Parameters that are derived from others, and
+    whatever the model makes of its parameters (such as a damping of the initial stiffness), drift with them.
+
+    Parameters
+    ----------
+    model : Model
+        The model; its response must be a loop over time.
+    space : ParameterSpace
+        Its unknown parameters, all of which drift.
+    knots : int
+        Number of knots, the first at the beginning of the record; 2 or more.
+    every : float
+        Time between knots [s]; after the last one the parameters stay.
+
+    Raises
+    ------
+    InputError
+        If the model is no loop over time, or stands for another.
+    """
+
+    def __init__(self, model: Model, space: ParameterSpace, knots: int, every: float) -> None:
+        allowed = "a built-in model: an oscillator, a frame"
+        cure = "Use iid, ar1 or damped_cosine errors, which any model allows."
+        self.model = as_traceable(model, "drifting parameters", allowed, cure)
+        if not self.model.loops or model.stand_in is not None:
+            raise InputError(
+                "drifting parameters", f"a {type(model).__name__}, which is no loop over time", allowed, cure
+            )
+        self.space, self.knots, self.every = space, knots, every
+        self.channels, self.substeps = self.model.channels, self.model.substeps
+        self.free = (*space.names, *map(drift_name, space.names), *knot_names(space.names, knots))
+
+    @property
+    def channel_units(self) -> dict[str, ChannelUnit]:
+        """Those of the model."""
+        return self.model.channel_units
+
+    @property
+    def kind_in_words(self) -> str:
+        """The model's, with its drift."""
+        return f"{self.model.kind_in_words} with drifting parameters"
+
+    @cached_property
+    def content_hash(self) -> str:
+        """Hash of the model, the parameters that drift, and the knots."""
+        return digest("DriftingModel", self.model.content_hash, self.space.content_hash, self.knots, self.every)
+
+    def recording(self, *channels: str) -> DriftingModel:
+        """Return this model with other channels; see `Model.recording`.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        DriftingModel
+            The same model, recording them.
+        """
+        return DriftingModel(self.model.recording(*channels), self.space, self.knots, self.every)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse what the model cannot respond to; see `Model.check_excitation`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+        """
+        self.model.check_excitation(excitation)
+
+    def at_knots(self, theta: Any) -> Any:
+        """θ_j + d_j b_jk, within the support of the prior.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            In the order of `free`.
+
+        Returns
+        -------
+        array, shape (run, knot, sampled parameter)
+            The parameters that drift, in SI.
+        """
+        count = self.space.dimension
+        mean, drift = theta[:, None, :count], theta[:, None, count : 2 * count]
+        at = theta[:, 2 * count :].reshape(-1, count, self.knots).swapaxes(1, 2)
+        low, high = self.space.bounds.T
+        return jnp.clip(mean + drift * at, low, high)
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the record; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            What drives it.
+
+        Returns
+        -------
+        TimeLoop
+            The model's, each step with the parameters of its time.
+        """
+        at_knots = self.at_knots(theta)
+        shares = _shares(excitation.stages.shape[0], excitation.dropped_samples, excitation.dt / self.every, self.knots)
+
+        def loop_of(parameters: Any) -> TimeLoop:
+            loop = self.model.time_loop(self.space.columns(parameters, self.model.free), excitation)
+            assert loop is not None
+            return loop
+
+        def step(state: State, row: tuple[Any, Any]) -> tuple[State, Any]:
+            share, rest = row
+            return loop_of(jnp.einsum("rkp,k->rp", at_knots, share)).step(state, rest)
+
+        first = loop_of(at_knots[:, 0])
+        return first._replace(step=step, rows=(jnp.asarray(shares), first.rows))
+
+
+def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
+    """Weights of the knots at every row of a record, (row, knot): hats of width one, `step` knots a row, after `before` rows."""
+    at = np.clip((np.arange(rows) - before) * step, 0.0, knots - 1.0)
+    return np.asarray(np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(knots))))
