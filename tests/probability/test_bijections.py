@@ -4,11 +4,30 @@ import numpy as np
 import pytest
 
 from structid.device import jnp
-from structid.probability.bijections import Bijection
+from structid.probability.bijections import Bijection, Scatter
 
 BOX = np.array([[0.0, 1.0], [2.0, np.inf], [-np.inf, np.inf], [-np.inf, 3.0], [-1e6, 7e6]])
 MAP = Bijection(BOX, scales=[1.0, 1.0, 5.0, 1.0, 1.0])
 PHI = 2.0 * np.random.default_rng(0).normal(size=(50, 5))
+
+
+# The third scatters about the fifth by the second.
+TOGETHER = Bijection(BOX[[0, 1, 2, 2, 4]], [1.0, 1.0, 5.0, 2.0, 1.0], [Scatter(4, 1, (2, 3), 1e6, 3.0)])
+
+
+def test_coordinates_of_what_scatters_are_those_of_the_scattered_value():
+    theta, jacobian = TOGETHER(PHI)
+    mean, sd, members = theta[:, [4]], theta[:, [1]], theta[:, 2:4]
+    np.testing.assert_allclose(mean + sd * members, 1e6 + 3.0 * PHI[:, 2:4], rtol=1e-12)
+    np.testing.assert_allclose(TOGETHER.inverse(theta), PHI, rtol=1e-6, atol=1e-6)
+    for host, device in zip((theta, jacobian), TOGETHER.forward(jnp.asarray(PHI)), strict=True):
+        np.testing.assert_allclose(host, device, rtol=1e-12, atol=1e-12)
+    # |∂θ/∂φ| by differences: a full matrix, since b depends on μ and d too.
+    point, step = PHI[0], 1e-5
+    columns = [(TOGETHER(point[None] + step * e)[0] - TOGETHER(point[None] - step * e)[0])[0] for e in np.eye(5)]
+    _, expected = np.linalg.slogdet(np.stack(columns) / (2.0 * step))
+    np.testing.assert_allclose(jacobian[0], expected, rtol=1e-5)
+    assert Bijection(TOGETHER.bounds, TOGETHER.scales) != TOGETHER
 
 
 def test_on_the_host_and_in_jax_it_is_the_same():

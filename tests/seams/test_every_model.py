@@ -14,6 +14,7 @@ import structid as si
 from package import concrete_subclasses
 from servers import serving_waves
 from structid.errors import InputError
+from structid.models.drifting_model import DriftingModel
 from structid.models.face import Model
 
 RECORD = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(2.0)
@@ -44,6 +45,12 @@ def frame():
     )
 
 
+DRIFTING = SPRING.extended(
+    stiffness_drift=si.Uniform(0.1, 0.3, unit="kN/mm"), gamma_ratio_drift=si.Uniform(0.0, 0.1),
+    **{f"{name}_at_{knot}": si.Normal(0.0, 1.0) for name in SPRING.names for knot in (1, 2, 3)},
+)  # fmt: skip
+
+
 def program(folder):
     (folder / "wave.py").write_text(PROGRAM)
     command = [sys.executable, "{{ folder }}/wave.py", "{{ a }}", "{{ b }}", "{{ record.dt }}"]
@@ -61,6 +68,7 @@ def fitted(settings):
 # How each is made, its prior, and whether it knows more records than the one it was fitted to.
 MODELS = {
     "BoucWen": (lambda folder: oscillator(), SPRING, True),
+    "DriftingModel": (lambda folder: DriftingModel(oscillator(), SPRING, 3, 1.5), DRIFTING, True),
     "ShearFrame": (lambda folder: frame(), STOREYS, True),
     "CallableModel": (lambda folder: si.CallableModel(solvers.wave, WAVES.names, ("velocity",)), WAVES, True),
     "ProgramModel": (program, WAVES, True),
@@ -133,7 +141,7 @@ class TestEveryModel:
         ("call", "words"),
         [
             (lambda m, s: m.simulate(np.ones((2, 5)), RECORD), r"shape \(2, 5\)"),
-            (lambda m, s: m.simulate(np.ones((0, 2)), RECORD), "no runs"),
+            (lambda m, s: m.simulate(np.ones((0, len(m.free))), RECORD), "no runs"),
             (lambda m, s: m.simulate(s.sample(2, seed=1), RECORD.values), "as the excitation"),
             (lambda m, s: m.simulate(s.sample(3, seed=1), [RECORD, RECORD]), "2 excitations for 3 runs"),
             (lambda m, s: m.simulate(s.sample(3, seed=1), [RECORD, RECORD.trim(0.0, 1.0), RECORD]), "different steps or lengths"),

@@ -104,11 +104,6 @@ class SamplingResult:
         return self.target.names
 
     @property
-    def shown(self) -> np.ndarray:
-        """Places of the parameters that tables and figures show: all but the hidden ones."""
-        return np.flatnonzero([name not in self.target.hidden for name in self.names])
-
-    @property
     def discarded(self) -> int:
         """Steps dropped at the start."""
         return int(self.sampler.discard * len(self.history))
@@ -196,7 +191,7 @@ class SamplingResult:
         Summary
             In display units.
         """
-        factors, shown = self.target.factors, self.shown
+        factors = self.target.factors
         q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95]))
         d = list(self._diagnostics.values())
         columns = {
@@ -212,12 +207,7 @@ class SamplingResult:
             "ess_tail": np.array([x.tail_size for x in d]),
             "tau": np.array([x.autocorrelation_time for x in d]),
         }
-        units = list(self.target.units.values())
-        return Summary(
-            tuple(self.names[i] for i in shown),
-            tuple(units[i] for i in shown),
-            {key: column[shown] for key, column in columns.items()},
-        )
+        return Summary(self.names, tuple(self.target.units.values()), columns).of(self.target.shown)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:

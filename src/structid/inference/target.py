@@ -44,6 +44,11 @@ class Target(ABC):
         return frozenset()
 
     @property
+    def shown(self) -> list[int]:
+        """Places of the other parameters, which tables and figures show."""
+        return [place for place, name in enumerate(self.names) if name not in self.hidden]
+
+    @property
     def costs_runs(self) -> bool:
         """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
         return False
@@ -415,7 +420,7 @@ class InCoordinates(Target):
     @property
     def content_hash(self) -> str:
         """Hash of the density and of the coordinates."""
-        return digest(self.density.content_hash, self.bijection.bounds, self.bijection.scales)
+        return digest(self.density.content_hash, self.bijection.bounds, self.bijection.scales, self.bijection.scatters)
 
 
 def _or_none(log_density: np.ndarray) -> np.ndarray:

@@ -2,11 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+
+
+class Scatter(NamedTuple):
+    """Standardised values b_k that scatter about another parameter: what matters is x_k = μ + d b_k.
+
+    Data that know x_k know b_k only through μ and d, and a sampler would have to follow a curved ridge. So the coordinates are
+    those of x_k (the centred form of a hierarchical prior; O. Papaspiliopoulos et al. 2007, doi 10.1214/088342307000000014).
+
+    Parameters
+    ----------
+    mean, sd : int
+        Places of μ and d among the parameters.
+    members : tuple of int
+        Places of b_k, which have no bounds.
+    centre, scale : float
+        x_k = centre + scale φ_k.
+    """
+
+    mean: int
+    sd: int
+    members: tuple[int, ...]
+    centre: float
+    scale: float
 
 
 class Bijection:
@@ -18,12 +42,16 @@ class Bijection:
         Smallest and largest value; infinite for no bound.
     scales : ndarray, shape (parameter,), optional
         Scale of each coordinate without bounds; 1 by default.
+    scatters : sequence of Scatter
+        Parameters whose coordinates go with those of others.
     """
 
-    def __init__(self, bounds: np.ndarray, scales: np.ndarray | None = None) -> None:
-        self.bounds = np.asarray(bounds, dtype=np.float64).reshape(-1, 2)
+    def __init__(self, bounds: np.ndarray, scales: np.ndarray | None = None, scatters: Sequence[Scatter] = ()) -> None:
+        self.bounds, self.scatters = np.asarray(bounds, dtype=np.float64).reshape(-1, 2), tuple(scatters)
         free = ~np.isfinite(self.bounds).any(axis=1)
         self.scales = np.where(free, 1.0 if scales is None else scales, 1.0)
+        for scatter in self.scatters:
+            self.scales[list(scatter.members)] = 1.0
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Bijection) and self._numbers == other._numbers
@@ -32,9 +60,9 @@ class Bijection:
         return hash(self._numbers)
 
     @property
-    def _numbers(self) -> tuple[bytes, bytes]:
-        """Bounds and scales, which say all of it."""
-        return self.bounds.tobytes(), self.scales.tobytes()
+    def _numbers(self) -> tuple[Any, ...]:
+        """Bounds, scales and scatters, which say all of it."""
+        return self.bounds.tobytes(), self.scales.tobytes(), self.scatters
 
     @cached_property
     def _kinds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -75,6 +103,11 @@ class Bijection:
             x = phi[..., i] * scale
             points.append(transform(x))
             jacobian = jacobian + transform.log_abs_det_jacobian(x, points[-1]) + np.log(scale)
+        for mean, sd, members, centre, scale in self.scatters:
+            # b_k = (x_k − μ)/d
+            for place in members:
+                points[place] = (centre + scale * points[place] - points[mean]) / points[sd]
+            jacobian = jacobian + len(members) * (np.log(scale) - jnp.log(points[sd]))
         return jnp.stack(points, axis=-1), jacobian
 
     def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -104,7 +137,14 @@ class Bijection:
             log_slope[:, between] = np.log(width) - np.logaddexp(0.0, x[:, between]) - np.logaddexp(0.0, -x[:, between])
             theta[:, above], log_slope[:, above] = low[above] + np.exp(x[:, above]), x[:, above]
             theta[:, below], log_slope[:, below] = high[below] - np.exp(x[:, below]), x[:, below]
-        return theta, log_slope.sum(axis=1) + np.log(self.scales).sum()
+        jacobian = log_slope.sum(axis=1) + np.log(self.scales).sum()
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            for mean, sd, members, centre, scale in self.scatters:
+                # b_k = (x_k − μ)/d
+                some = list(members)
+                theta[:, some] = (centre + scale * theta[:, some] - theta[:, [mean]]) / theta[:, [sd]]
+                jacobian += len(members) * (np.log(scale) - np.log(theta[:, sd]))
+        return theta, jacobian
 
     def inverse(self, theta: np.ndarray) -> np.ndarray:
         """Map the inside of the box to ℝᵈ, on the host.
@@ -127,4 +167,7 @@ class Bijection:
             x[..., between] = scipy.special.logit((theta[..., between] - low[between]) / (high - low)[between])
             x[..., above] = np.log(theta[..., above] - low[above])
             x[..., below] = np.log(high[below] - theta[..., below])
+        for mean, sd, members, centre, scale in self.scatters:
+            some = list(members)
+            x[..., some] = (theta[..., [mean]] + theta[..., [sd]] * theta[..., some] - centre) / scale
         return x / self.scales

@@ -101,7 +101,7 @@ SPACE = si.ParameterSpace(stiffness=si.LogNormal(mean=7.6e6, sd=5e5))
 MEASURED = MODEL.simulate(np.array([[7.5e6]]), GROUND).values[0, :, 0] + 0.002 * RNG.normal(size=150)
 LAWS_OF_ERROR = {
     "IID": si.IID(), "known variance": si.IID(variance=4e-6), "AR1": si.AR1(), "Matern32": si.Matern32(),
-    "DampedCosine": si.DampedCosine(),
+    "DampedCosine": si.DampedCosine(), "Drifting": si.Drifting(), "Drifting beside AR1": si.Drifting(0.7, si.AR1()),
 }  # fmt: skip
 NUISANCES = {"gain": dict(gain=si.LogNormal(mean=1.0, sd=0.1)), "offset": dict(offset=si.Normal(0.0, 0.01))}
 
@@ -196,5 +196,5 @@ def test_a_response_that_is_a_product_is_numpys(settings, runs):
 
 
 def test_no_model_is_forgotten():
-    tried = {"BoucWen", "ShearFrame", "ParametricNARX", "ResponseSpaceSurrogate"}
+    tried = {"BoucWen", "ShearFrame", "DriftingModel", "ParametricNARX", "ResponseSpaceSurrogate"}
     assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried

@@ -26,6 +26,22 @@ class Summary:
     units: tuple[str, ...]
     columns: dict[str, np.ndarray]
 
+    def of(self, places: list[int]) -> Summary:
+        """Select some of the parameters.
+
+        Parameters
+        ----------
+        places : list of int
+            Which rows.
+
+        Returns
+        -------
+        Summary
+            Of these alone.
+        """
+        columns = {key: column[places] for key, column in self.columns.items()}
+        return Summary(tuple(self.names[i] for i in places), tuple(self.units[i] for i in places), columns)
+
     def row(self, name: str) -> dict[str, float]:
         """One parameter's figures.
 

@@ -59,6 +59,21 @@ class ErrorLaw(ABC):
         """
         return {}
 
+    def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
+        """Hidden values that scatter about a parameter.
+
+        Parameters
+        ----------
+        duration : float
+            Of the record [s].
+
+        Returns
+        -------
+        dict of pair of str to tuple of str
+            For the names of a mean and a standard deviation those of the hidden values, which are standardised.
+        """
+        return {}
+
     def responding(self, model: Model, duration: float) -> Model:
         """Return the model with the errors inside.
 

@@ -11,7 +11,7 @@ from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
 from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.law_kind import LawKind
-from structid.models.drifting import DriftingModel, drift_name, knot_names
+from structid.models.drifting_model import DriftingModel, drift_name, knot_names
 from structid.models.face import Model
 from structid.probability.marginals import LogNormal, Normal
 from structid.probability.space import ParameterSpace
@@ -106,6 +106,22 @@ class Drifting(ErrorLaw):
             N(0, 1) each.
         """
         return {name: Normal(0.0, 1.0) for name in knot_names(self._drifting.names, self._knots(duration))}
+
+    def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
+        """Give the values at the knots of each parameter; see `ErrorLaw.scatters`.
+
+        Parameters
+        ----------
+        duration : float
+            Of the record [s].
+
+        Returns
+        -------
+        dict of pair of str to tuple of str
+            They scatter about the parameter by its drift.
+        """
+        knots = self._knots(duration)
+        return {(name, drift_name(name)): knot_names((name,), knots) for name in self._drifting.names}
 
     def responding(self, model: Model, duration: float) -> Model:
         """Return the model with drifting parameters; see `ErrorLaw.responding`.

@@ -16,6 +16,7 @@ from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Map, Model, Progress
 from structid.models.traceable import as_traceable
+from structid.probability.bijections import Bijection, Scatter
 from structid.probability.space import ParameterSpace
 
 
@@ -81,6 +82,23 @@ class JointLikelihood:
     def _label(self, name: str, index: int) -> str:
         return f"{name}_{index + 1}" if self._several else name
 
+    @cached_property
+    def bijection(self) -> Bijection:
+        """Smooth map between ℝᵈ and the support of the prior."""
+        plain, place, marginals = self.space.bijection, self.space.names.index, self.space.marginals
+        scatters = [
+            Scatter(
+                place(mean),
+                place(sd),
+                tuple(place(self._label(name, index)) for name in members),
+                marginals[mean].moments[0],
+                float(marginals[sd].quantile(np.array(0.5))),
+            )
+            for index, bound in enumerate(self.of)
+            for (mean, sd), members in self.law.scatters(bound.observation.record.duration).items()
+        ]
+        return Bijection(plain.bounds, plain.scales, scatters)
+
     @property
     def discrepancy_names(self) -> set[str]:
         """Parameters of the discrepancy, for all observations."""
@@ -138,6 +156,8 @@ class JointLikelihood:
             if bound.observation.record is record:
                 return bound.model, np.asarray(bound.parameters(theta)), index
         model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
+        if not hidden:
+            return model, np.asarray(self.model_parameters(theta)), None
         known = self.space.columns(theta, [name for name in model.free if name not in hidden])
         drawn = ParameterSpace(None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
         return model, np.concatenate([known, drawn], axis=1), None

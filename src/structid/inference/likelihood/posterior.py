@@ -78,7 +78,7 @@ class Posterior(Target):
         self.law, self.space = self.likelihood.law, self.likelihood.space
         self.discrepancy = self.law.added
         self.names = self.space.names
-        self.bijection = self.space.bijection
+        self.bijection = self.likelihood.bijection
 
     def _check(self, refuse_unfit: bool) -> None:
         """Refuse what does not fit together."""

@@ -21,7 +21,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 
 def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
-    result, space, shown = material.result, material.posterior.space, material.result.shown
+    result, space, shown = material.result, material.posterior.space, material.posterior.shown
     factors, names, units = space.factors, space.names, list(space.units.values())
     truth = {n: v / factors[names.index(n)] for n, v in material.true_values.items()}
     prior = space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors
@@ -41,7 +41,7 @@ def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
 
 
 def _pairs(material: PosteriorMaterial, folder: Path) -> Picture:
-    space, shown = material.posterior.space, material.result.shown
+    space, shown = material.posterior.space, material.posterior.shown
     draws = (material.result.thinned(20_000) / space.factors)[:, shown]
     names, units = tuple(space.names[i] for i in shown), [list(space.units.values())[i] for i in shown]
     figures.pairs(names, units, draws, (material.best / space.factors)[shown], save=folder / "pairs")

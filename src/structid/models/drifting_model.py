@@ -57,8 +57,8 @@ class DriftingModel(TraceableModel):
 
     θ_j(t) = θ_j + d_j b_j(t),   b_j linear between its values at knots, b_j(t_k) ~ N(0, 1) in their prior
 
-    θ(t) is kept within the support of the prior of θ, and is constant over a sample. Parameters that are derived from others, and
-    whatever the model makes of its parameters (such as a damping of the initial stiffness), drift with them.
+    θ at a knot is kept within the support of the prior of θ; θ(t) is constant over a sample. Parameters that are derived from
+    others, and whatever the model makes of its parameters (such as a damping of the initial stiffness), drift with them.
 
     Parameters
     ----------
