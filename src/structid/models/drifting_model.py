@@ -95,6 +95,11 @@ class DriftingModel(TraceableModel):
         return self.model.channel_units
 
     @property
+    def loop_channels(self) -> tuple[str, str, str] | None:
+        """Those of the model."""
+        return self.model.loop_channels
+
+    @property
     def kind_in_words(self) -> str:
         """The model's, with its drift."""
         return f"{self.model.kind_in_words} with drifting parameters"

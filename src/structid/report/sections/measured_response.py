@@ -47,10 +47,9 @@ class _Predicted:
     @cached_property
     def loops(self) -> np.ndarray:
         """Loops of the MAP estimate and of the draws, shape (draw, time, 3)."""
-        posterior = self.material.true_posterior
+        bound = self.material.true_posterior.likelihood.of[self.index]
         theta = np.vstack([self.material.best, self.material.draws])
-        model, parameters, _ = posterior.likelihood.on_record(theta, self.observation.record, np.random.default_rng(0))
-        found = simulated_loops(model, parameters, self.observation.record)
+        found = simulated_loops(bound.model, np.asarray(bound.parameters(theta)), self.observation.record)
         assert found is not None
         return found
 
