@@ -66,6 +66,7 @@ _PUBLIC = {
     "Uniform": "probability.marginals",
     "Weibull": "probability.marginals",
     "calibrate": "calibration.sequential",
+    "choose_law": "inference.law_choice",
     "load_surrogate": "surrogates.registry",
     "open_runs": "campaign.store",
     "sample": "inference.sample",

@@ -16,6 +16,7 @@ from structid.ground_motion.record import GroundMotion as GroundMotion
 from structid.histories import Histories as Histories
 from structid.inference.assessment.certificate import Certificate as Certificate
 from structid.inference.assessment.simulation_based_calibration import sbc as sbc
+from structid.inference.law_choice import choose_law as choose_law
 from structid.inference.likelihood.drifting import Drifting as Drifting
 from structid.inference.likelihood.independent import IID as IID
 from structid.inference.likelihood.kernels import AR1 as AR1

@@ -81,7 +81,7 @@ class DriftingModel(TraceableModel):
         allowed = "a built-in model: an oscillator, a frame"
         cure = "Use iid, ar1 or damped_cosine errors, which any model allows."
         self.model = as_traceable(model, "drifting parameters", allowed, cure)
-        if not self.model.loops or model.stand_in is not None:
+        if not model.can_drift:
             raise InputError(
                 "drifting parameters", f"a {type(model).__name__}, which is no loop over time", allowed, cure
             )

@@ -121,6 +121,11 @@ class Model(ABC):
         return None
 
     @property
+    def can_drift(self) -> bool:
+        """Whether its parameters may change while it responds: a loop over time of a model that stands for itself."""
+        return False
+
+    @property
     def channel_units(self) -> dict[str, ChannelUnit]:
         """SI unit and display unit of every channel; those of the standard names unless a model says otherwise."""
         return {channel: standard_unit(channel) for channel in self.channels}

@@ -181,6 +181,11 @@ class TraceableModel(Model):
     own_records: ClassVar[bool] = False
     substeps: int
 
+    @property
+    def can_drift(self) -> bool:
+        """Whether its parameters may change while it responds; see `Model.can_drift`."""
+        return self.loops and self.stand_in is None
+
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop | None:
         """Give the loop over time that the response is, inside JAX, for a model whose response is one.
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
 from structid.inference.likelihood.independent import IID
+from structid.inference.likelihood.kernels import AR1, DampedCosine
 from structid.inference.likelihood.law_kind import LawKind
 from structid.models.drifting_model import DriftingModel, drift_name, knot_names
 from structid.models.face import Model
@@ -152,4 +153,12 @@ class Drifting(ErrorLaw):
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 
-DRIFTING_KIND = LawKind(Drifting, "drifting", {"every": "s"})
+ERRORS: dict[str, type[Discrepancy]] = {"iid": IID, "ar1": AR1, "damped_cosine": DampedCosine}
+"""Laws of the errors beside the drift, by their word in a study file."""
+
+
+def _of_words(every: float | None = None, errors: str = "iid") -> Drifting:
+    return Drifting(every, ERRORS[errors]())
+
+
+DRIFTING_KIND = LawKind(_of_words, "drifting", {"every": "s"}, {"errors": (Literal[tuple(ERRORS)], "iid")})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,8 +16,8 @@ class LawKind:
 
     Parameters
     ----------
-    law : type
-        The class, whose constructor takes the keys.
+    law : callable
+        The class, or what makes the law of the keys.
     word : str
         ``kind`` in a study file.
     quantities : mapping of str to str
@@ -26,7 +26,7 @@ class LawKind:
         Other keys: the type as pydantic reads it, and the default.
     """
 
-    law: type[Any]
+    law: Callable[..., Any]
     word: str
     quantities: Mapping[str, str]
     switches: Mapping[str, tuple[Any, Any]] = field(default_factory=dict)

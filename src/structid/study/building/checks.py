@@ -55,6 +55,13 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
         _check_surrogate(study, study.campaign, study.campaign_records)
     if study.posterior is None:
         return
+    if study.has_surrogate and study.posterior.law.added is not study.posterior.law:
+        raise InputError(
+            "key 'discrepancy.kind'",
+            f"'{study.file.discrepancy.kind}' with a [surrogate]",
+            "errors that are added to the response (iid, ar1, matern32, damped_cosine), or no [surrogate]",
+            "A surrogate stands for the model with fixed parameters. A built-in model is sampled itself in seconds.",
+        )
     dimension = study.posterior.dimension
     if study.sampler.needs_derivatives:
         if not (study.has_surrogate or study.model.traceable):
