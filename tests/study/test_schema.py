@@ -13,7 +13,7 @@ from structid.study.building.study import build
 from structid.study.run import load, run_study
 from structid.study.schema.problems import StudyErrors
 from structid.study.schema.study_file import parse_study
-from studies import SMALL
+from studies import PACKAGED, SMALL
 
 
 @pytest.fixture
@@ -176,12 +176,24 @@ def test_the_page_on_study_files_names_every_key():
         ('kind = "damped_cosine"\ndamping = 1.2', "discrepancy.*below 1"),
         ('kind = "matern32"\ncorrelation_time = "3 m"', "discrepancy.correlation_time"),
         ('kind = "ar2"', "discrepancy.kind.*ar1"),
+        ('kind = "drifting"\nevery = "5 m"', "discrepancy.every.*unit 'm'"),
+        ('kind = "drifting"\nevery = -5', "every.*time between knots"),
+        ('kind = "drifting"\nerrors = "white"', "discrepancy.errors.*damped_cosine"),
+        ('kind = "iid"\nevery = "5 s"', "discrepancy.every.*iid does not know"),
     ],
 )
 def test_mistakes_in_the_law_of_the_errors(table, words, tmp_path):
     text = re.sub(r"\[discrepancy\]\nkind[^\n]*", "[discrepancy]\n" + table, SMALL)
     (tmp_path / "law.toml").write_text(text)
     with pytest.raises(InputError, match=words):
+        load(tmp_path / "law.toml")
+
+
+def test_parameters_of_a_surrogate_do_not_drift(tmp_path):
+    (tmp_path / "law.toml").write_text(
+        PACKAGED.replace('[discrepancy]\nkind = "iid"', '[discrepancy]\nkind = "drifting"')
+    )
+    with pytest.raises(InputError, match=r"discrepancy.kind.*'drifting' with a \[surrogate\].*no \[surrogate\]"):
         load(tmp_path / "law.toml")
 
 

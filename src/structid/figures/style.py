@@ -253,6 +253,8 @@ def pretty(name: str) -> str:
         "alpha": "α", "beta": "β", "gamma": "γ", "gamma_ratio": "γ*", "sigma2": "σ²", "delta_nu": "δν", "delta_eta": "δη",
         "delta_a": "δA", "damping_ratio": "ζ", "exponent": "n", "psi0": "ψ₀", "delta_psi": "δψ", "lambda_": "λ", "zeta0": "ζ₀",
     }  # fmt: skip
+    if name.endswith("_drift"):
+        return f"{pretty(name.removesuffix('_drift'))} drift"
     return known.get(name, name.replace("_", " "))
 
 

@@ -346,8 +346,8 @@ def convergence_failures(
     name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
     if not kept_steps >= needed_length * slowest.autocorrelation_time:
         failures.append(
-            f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.0f} autocorrelation times of {name} "
-            f"(τ = {slowest.autocorrelation_time:.0f} steps), not {needed_length:g}"
+            f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.2g} autocorrelation times of {name} "
+            f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
         )
     for kind in ("bulk", "tail"):
         sizes = {n: getattr(p, f"{kind}_size") for n, p in parameters.items()}
