@@ -189,7 +189,7 @@ def wrong_model_rows(records: int) -> list[list[str]]:
 
 
 def right_model_rows(replicas: int) -> list[list[str]]:
-    """How often the law of the noise is chosen where the model is right, and the sds it gives beside those of independent errors."""
+    """How often the law of the noise is chosen where the model is right, and the sds beside those that it gives."""
     truth, model, rows = oscillator(stiffness=0.474e6, beta=25.0, alpha=0.1), oscillator(free=space().names), []
     for label, right in (("white noise", "iid"), ("AR(1) noise", "ar1")):
         chosen, ratios = [], []

@@ -313,7 +313,7 @@ class SamplingResult:
         ratios = (
             None if self.robust_sd is None else dict(zip(self.names[:count], self.robust_sd / self.sd, strict=False))
         )
-        return residual_warnings(self.residuals, self._measured.discrepancy, ratios)
+        return residual_warnings(self.residuals, self._measured.law, ratios)
 
     @property
     def _stand_in(self) -> StandIn | None:

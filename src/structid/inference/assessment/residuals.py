@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
-from structid.inference.likelihood.discrepancy import Discrepancy
+from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 
 LARGEST_CORRELATION = 0.2
@@ -193,7 +193,7 @@ def parzen(x: np.ndarray) -> np.ndarray:
 
 
 def residual_warnings(
-    residuals: tuple[WhitenedResidual, ...], law: Discrepancy, too_small_by: Mapping[str, float] | None
+    residuals: tuple[WhitenedResidual, ...], law: ErrorLaw, too_small_by: Mapping[str, float] | None
 ) -> list[str]:
     """Say which residuals the law of the discrepancy does not describe.
 
@@ -201,7 +201,7 @@ def residual_warnings(
     ----------
     residuals : tuple of WhitenedResidual
         At the MAP estimate.
-    law : Discrepancy
+    law : ErrorLaw
         The law that was assumed.
     too_small_by : mapping of str to float, or None
         Ratio of robust to posterior standard deviation of the model's parameters; None where it is not known.
@@ -211,8 +211,10 @@ def residual_warnings(
     list of str
         A sentence for each residual that is correlated.
     """
-    word = law.describe()["kind"]
-    assumed = "independent errors" if law.independent else f"the discrepancy {word}"
+    added, inside = law.added, law.added is not law
+    assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
+    if inside:
+        assumed += f" beside {law.describe()['kind']} parameters"
     found = []
     for residual in residuals:
         if not residual.correlated:
@@ -227,5 +229,5 @@ def residual_warnings(
             sentence += (
                 f", and the sd of {worst} is about {too_small_by[worst]:.1f} times too small (see the robust sd)"
             )
-        found.append(sentence + ("; use a correlated discrepancy, such as damped_cosine" if law.independent else ""))
+        found.append(sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else ""))
     return found
