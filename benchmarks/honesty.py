@@ -14,6 +14,7 @@ import common
 import numpy as np
 
 import structid as si
+from structid.inference.assessment.robust_spread import robust_spread
 
 NAME = "honesty"
 MASS, DAMPING_RATIO, GAMMA_RATIO = 12_000.0, 0.03, 0.5
@@ -144,7 +145,7 @@ class Found:
         """Add the result of one record, and its prediction of another."""
         self.means.append(result.mean[:3])
         self.sds.append(result.sd[:3])
-        self.robust.append(np.asarray(result.robust_sd)[:3])
+        self.robust.append(robust_spread(result.target, result.thinned()).at_least(result.sd).sd[:3])
         self.evidence.append(result.log_evidence.value)
         prediction, clean = result.predict(other), response(truth, other)
         low, high = np.quantile(prediction.peaks[:, 0], [0.05, 0.95])

@@ -57,7 +57,7 @@ def test_a_choice_tells_what_it_chose_and_by_how_much():
     )  # fmt: skip
     assert choice.laws == ("iid", "drifting parameters + iid") and choice.chosen == 1
     assert choice.posterior.law.describe()["kind"] == "drifting" and choice.result is choice.results[1]
-    assert "The data choose drifting parameters + iid" in choice.sentence and "nats from the next" in choice.sentence
+    assert "The data choose drifting parameters + iid" in choice.sentence and "nats ahead of iid" in choice.sentence
     assert "stiffness by" in choice.sentence and "kN/mm (" in choice.sentence and "% of its mean" in choice.sentence
     assert str(choice).count("±") == 2
     assert told[-1] == (100, 100) and told == sorted(told)
@@ -71,6 +71,9 @@ def test_of_laws_that_explain_the_data_alike_the_simplest_is_chosen():
         gap = abs(one.log_evidence.value - other.log_evidence.value)
         assert gap <= 2.0 * np.hypot(one.log_evidence.error, other.log_evidence.error)
         assert LawChoice(results).chosen == 0
+    worse = results[0] if results[0].log_evidence.value < results[1].log_evidence.value else results[1]
+    better = results[1] if worse is results[0] else results[0]
+    assert "simpler than iid and within the errors" in LawChoice((worse, better)).sentence
 
 
 def test_only_a_loop_over_time_can_drift():

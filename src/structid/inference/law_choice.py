@@ -92,11 +92,21 @@ class LawChoice:
     @property
     def sentence(self) -> str:
         """What was chosen, and what it says of the model."""
-        others = [e.value for place, e in enumerate(self.evidences) if place != self.chosen]
-        ahead = f", {self.evidences[self.chosen].value - max(others):+.1f} nats from the next" if others else ""
-        said = f"The data choose {self.laws[self.chosen]}{ahead}."
+        said = f"The data choose {self.laws[self.chosen]}{self._margin}."
         drifts = drift_words(self.result)
         return f"{said} {drifts}" if drifts else said
+
+    @property
+    def _margin(self) -> str:
+        """How far ahead of the others the chosen law is, in words."""
+        others = {place: e.value for place, e in enumerate(self.evidences) if place != self.chosen}
+        if not others:
+            return ""
+        next_best = max(others, key=lambda place: others[place])
+        ahead = self.evidences[self.chosen].value - others[next_best]
+        if ahead >= 0.0:
+            return f", {ahead:.3g} nats ahead of {self.laws[next_best]}"
+        return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
 
     def __str__(self) -> str:
         width = max(len(law) for law in self.laws)

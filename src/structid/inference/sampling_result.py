@@ -23,12 +23,8 @@ from structid.inference.assessment.diagnostics import (
 )
 from structid.inference.assessment.maximum import maximum
 from structid.inference.assessment.prior_warnings import prior_warnings
-from structid.inference.assessment.residuals import (
-    WhitenedResidual,
-    residual_warnings,
-    robust_covariance,
-    whitened_residuals,
-)
+from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
+from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
 from structid.inference.assessment.summary import Summary
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
@@ -210,18 +206,25 @@ class SamplingResult:
         return Summary(self.names, tuple(self.target.units.values()), columns).of(self.target.shown)
 
     @cached_property
-    def robust_sd(self) -> np.ndarray | None:
-        """Sandwich standard deviations of the means in SI, shape (parameter,): how the means would vary over measurements.
+    def robust(self) -> RobustSpread | None:
+        """How the means would vary over measurements, whether model and law are right or not; see `robust_spread`.
 
-        They hold even where the model or the law of the discrepancy is wrong, but are only accurate to a fifth themselves. None
-        without a measurement, and for an external solver, since they take a thousand runs (`robust_covariance` does them).
+        The posterior's own standard deviations where the residuals are white, and never less. None for a run that has not
+        converged, without a measurement, and for an external solver, since it takes a thousand runs.
         """
         posterior = self._measured
-        if posterior is None or posterior.costs_runs:
+        if posterior is None or posterior.costs_runs or self._convergence[1]:
             return None
+        if not any(residual.correlated for residual in self.residuals):
+            return RobustSpread(self.sd, np.zeros(len(self.names)))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
-            return np.sqrt(np.diag(robust_covariance(posterior, self.thinned())))
+            return robust_spread(posterior, self.thinned()).at_least(self.sd)
+
+    @property
+    def robust_sd(self) -> np.ndarray | None:
+        """Standard deviations of `robust` in SI, shape (parameter,)."""
+        return None if self.robust is None else self.robust.sd
 
     @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:
@@ -233,13 +236,16 @@ class SamplingResult:
             return whitened_residuals(self._measured, self.map_estimate)
 
     @cached_property
-    def _verdict(self) -> Verdict:
+    def _convergence(self) -> tuple[int, list[str]]:
+        """Number of stuck walkers, and what convergence lacks."""
         kept = slice(self.discarded, None)
-        accepted = self.accepted[kept]
-        stuck = int(stuck_walkers(accepted, self.coordinate_log_density[kept]).sum())
-        failures = convergence_failures(
-            self._diagnostics, len(accepted), self.sampler.ensembles, stuck, self.sampler.needed_length
-        )
+        stuck = int(stuck_walkers(self.accepted[kept], self.coordinate_log_density[kept]).sum())
+        length, sampler = len(self.kept), self.sampler
+        return stuck, convergence_failures(self._diagnostics, length, sampler.ensembles, stuck, sampler.needed_length)
+
+    @cached_property
+    def _verdict(self) -> Verdict:
+        accepted, (stuck, failures) = self.accepted[self.discarded :], self._convergence
         unexplained = self._unexplained()
         return Verdict(
             converged=not failures,

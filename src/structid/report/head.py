@@ -24,7 +24,8 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
     """
     summary = material.summary
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
-    robust = "robust_sd" in summary.columns
+    robust, spread = "robust_sd" in summary.columns, material.result.robust
+    doubt = {} if spread is None else dict(zip(material.posterior.names, spread.error, strict=True))
     heads = ["parameter", "mean", "sd", *(["robust sd"] if robust else []), "5 %", "95 %", "MAP"]
     if material.true_values:
         heads.append("truth")
@@ -36,7 +37,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
             label(pretty(name), pretty_unit(unit)),
             shown[0],
             f"{c['sd']:.2g}",
-            *([f"{c['robust_sd']:.2g}"] if robust else []),
+            *([f"{c['robust_sd']:.2g}" + (f" ± {doubt[name]:.0%}" if doubt[name] else "")] if robust else []),
             *shown[1:],
         ]
         if material.true_values:

@@ -17,8 +17,6 @@ WHITE_BOUND = 5.0
 """The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
 SHARE_OF_LAGS = 0.1
 """Lags that are looked at, as a share of the history."""
-LONG_RUN_SHARE = 1.0 / 6.0
-"""Width of the window of a long-run covariance, as a share of the history."""
 MUCH_WIDER = 1.5
 """A warning is given where robust standard deviations are this many times the posterior's own."""
 
@@ -104,36 +102,6 @@ def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[Whitene
     return tuple(found)
 
 
-def robust_covariance(posterior: Posterior, draws: np.ndarray) -> np.ndarray:
-    """Sandwich covariance of the posterior means: how they would vary over measurements if model or law were wrong.
-
-    The influence of the value measured at the time t on the means is ψ_t = Cov(θ, log p(y_t | y_<t, θ)) over the posterior
-    (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466). Where the law is
-    right, Σψψᵀ is the posterior's own covariance; otherwise the ψ are correlated, and what counts is their long-run
-    covariance.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        What was sampled.
-    draws : ndarray, shape (draw, parameter)
-        Draws of it in SI; the model is run at each.
-
-    Returns
-    -------
-    ndarray, shape (parameter, parameter)
-        In SI.
-    """
-    total = np.zeros((posterior.dimension, posterior.dimension))
-    centred = draws - draws.mean(axis=0)
-    for index in range(len(posterior.observations)):
-        pointwise = posterior.pointwise_log_likelihood(draws, index).sum(axis=2)
-        finite = np.isfinite(pointwise).all(axis=1)
-        influence = (pointwise[finite] - pointwise[finite].mean(axis=0)).T @ centred[finite] / finite.sum()
-        total += long_run_covariance(influence)
-    return total
-
-
 def autocovariance(series: np.ndarray) -> np.ndarray:
     """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
 
@@ -150,46 +118,6 @@ def autocovariance(series: np.ndarray) -> np.ndarray:
     samples = len(series)
     transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
     return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
-
-
-def long_run_covariance(series: np.ndarray) -> np.ndarray:
-    """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987; it is never negative).
-
-    Parameters
-    ----------
-    series : ndarray, shape (time, quantity)
-        The terms.
-
-    Returns
-    -------
-    ndarray, shape (quantity, quantity)
-        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly, as the structure does. What the
-        window misses because the terms are taken about their own mean, 3/4 K/T, is put back.
-    """
-    samples, count = series.shape
-    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
-    lags = np.arange(samples)
-    window = parzen(lags / (LONG_RUN_SHARE * samples))
-    weights = np.concatenate([window, [0.0], window[:0:-1]])
-    smoothed = np.fft.irfft(transform * np.fft.rfft(weights)[:, None].real, axis=0)[:samples]
-    found = (series - series.mean(axis=0)).T @ smoothed
-    return np.asarray(0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE))
-
-
-def parzen(x: np.ndarray) -> np.ndarray:
-    """Parzen's lag window.
-
-    Parameters
-    ----------
-    x : ndarray
-        Lag over the width, 0 or more.
-
-    Returns
-    -------
-    ndarray
-        1 at zero, 0 from 1 on.
-    """
-    return np.where(x <= 0.5, 1.0 - 6.0 * x**2 + 6.0 * x**3, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
 
 
 def residual_warnings(
@@ -227,7 +155,7 @@ def residual_warnings(
         worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
         if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
             sentence += (
-                f", and the sd of {worst} is about {too_small_by[worst]:.1f} times too small (see the robust sd)"
+                f", and the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see the robust sd)"
             )
         found.append(sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else ""))
     return found

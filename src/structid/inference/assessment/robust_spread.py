@@ -1,0 +1,184 @@
+"""Standard deviations of the means that hold where model or law are wrong, and how far these are known themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.inference.likelihood.posterior import Posterior
+
+LONG_RUN_SHARE = 1.0 / 6.0
+"""Width of the window of a long-run covariance, as a share of the history."""
+
+
+@dataclass(frozen=True, eq=False)
+class RobustSpread:
+    """How the posterior means would vary over measurements.
+
+    Parameters
+    ----------
+    sd : ndarray, shape (parameter,)
+        Standard deviations in SI.
+    error : ndarray, shape (parameter,)
+        Their own standard errors, as shares of them; 0 where they are the posterior's.
+    """
+
+    sd: np.ndarray = field(repr=False)
+    error: np.ndarray = field(repr=False)
+
+    def at_least(self, sd: np.ndarray) -> RobustSpread:
+        """Leave no standard deviation below the posterior's own: it is part of what is not known.
+
+        Parameters
+        ----------
+        sd : ndarray, shape (parameter,)
+            The posterior's, in SI.
+
+        Returns
+        -------
+        RobustSpread
+            With the larger of the two.
+        """
+        wider = self.sd > sd
+        return RobustSpread(np.where(wider, self.sd, sd), np.where(wider, self.error, 0.0))
+
+
+def robust_spread(posterior: Posterior, draws: np.ndarray) -> RobustSpread:
+    """Sandwich standard deviations of the posterior means: how they would vary over measurements if model or law were wrong.
+
+    The influence of what is measured at the time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior
+    (R. Giordano & T. Broderick 2023, "The Bayesian infinitesimal jackknife for variance", arXiv 2305.06466), and the variance of
+    the mean the long-run covariance of ψ. With the whitened response m and its influence a = Cov(m, θ_j), ψ_t = Σ_c a_tc e_tc.
+    At the fit what is left of e is (I − P) e, P the projection on all a, so that ψ sums to almost nothing and the estimate is
+    too small. Its expectation where e is white is known,
+
+        tr B,   B = diag(a) C W C diag(a) (I − P),
+
+    with the window's Toeplitz matrix W and C that takes means away; it should be Σa², and is made so. Its own standard error as
+    a share is ½ √(2 tr B²)/tr B, where P is left out of B².
+
+    Parameters
+    ----------
+    posterior : Posterior
+        What was sampled.
+    draws : ndarray, shape (draw, parameter)
+        Draws of it in SI; the model is run at each.
+
+    Returns
+    -------
+    RobustSpread
+        For every parameter. Those of the law of the errors have no a, and are as they come.
+    """
+    found = [_of_one(posterior, draws, index) for index in range(len(posterior.observations))]
+    # One basis of what the parameters can follow, over all observations.
+    basis, _ = np.linalg.qr(np.concatenate([influence.reshape(-1, influence.shape[2]) for _, influence in found]))
+    raw = np.zeros(posterior.dimension)
+    known, expected, squared, first = raw.copy(), raw.copy(), raw.copy(), 0
+    for psi, influence in found:
+        samples, channels, count = influence.shape
+        own = basis[first : first + samples * channels].reshape(samples, channels, -1)
+        first += samples * channels
+        raw += np.diag(long_run_covariance(psi))
+        power = (influence**2).sum(axis=1)
+        known += power.sum(axis=0)
+        lost = [np.diag(long_run_covariance((influence[:, :, [j]] * own).sum(axis=1))).sum() for j in range(count)]
+        trace, of_square = _traces(power)
+        expected += trace - np.array(lost)
+        squared += of_square
+    responds = (known > 0.0) & (expected > 1e-6 * known)
+    expected = np.where(responds, expected, 1.0)
+    factor = np.where(responds, known / expected, 1.0)
+    error = np.where(responds, 0.5 * np.sqrt(2.0 * squared) / expected, 0.0)
+    return RobustSpread(np.sqrt(raw * factor), error)
+
+
+def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
+    """ψ of one observation (time, parameter), and a = Cov(m, θ) of its whitened response m (time, channel, parameter)."""
+    observation = posterior.observations[index]
+    pointwise = posterior.pointwise_log_likelihood(draws, index).sum(axis=2)
+    finite = np.isfinite(pointwise).all(axis=1)
+    centred = (draws - draws.mean(axis=0))[finite] / finite.sum()
+    psi = (pointwise[finite] - pointwise[finite].mean(axis=0)).T @ centred
+    response = posterior.predict(draws[finite], index)
+    mean = {
+        name: np.repeat(value, len(response))
+        for name, value in posterior.unknowns(draws.mean(axis=0)[None], index).items()
+    }
+    moved = (response - response.mean(axis=0)).transpose(1, 2, 0)
+    white = np.asarray(posterior.discrepancy.whiten(moved, mean, observation.channels, observation.record.dt))
+    influence = white @ centred
+    influence[..., [posterior.names.index(name) for name in posterior.likelihood.discrepancy_names]] = 0.0
+    return psi, influence
+
+
+# --- long-run covariances -------------------------------------------------------------------------------------------
+
+
+def long_run_covariance(series: np.ndarray) -> np.ndarray:
+    """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987; it is never negative).
+
+    Parameters
+    ----------
+    series : ndarray, shape (time, quantity)
+        The terms.
+
+    Returns
+    -------
+    ndarray, shape (quantity, quantity)
+        Of their sum. K is a sixth of the series, since what a wrong model leaves changes slowly, as the structure does. What the
+        window misses because the terms are taken about their own mean, 3/4 K/T, is put back.
+    """
+    count = series.shape[1]
+    centred = series - series.mean(axis=0)
+    found = centred.T @ _toeplitz(_lag_window(len(series)), centred)
+    return np.asarray(0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE))
+
+
+def parzen(x: np.ndarray) -> np.ndarray:
+    """Parzen's lag window.
+
+    Parameters
+    ----------
+    x : ndarray
+        Lag over the width, 0 or more.
+
+    Returns
+    -------
+    ndarray
+        1 at zero, 0 from 1 on.
+    """
+    return np.where(x <= 0.5, 1.0 - 6.0 * x**2 + 6.0 * x**3, 2.0 * np.maximum(1.0 - x, 0.0) ** 3)
+
+
+def _traces(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Tr of D diag(power), and of its square, D = C W C over the norm of `long_run_covariance`, for every column of powers.
+
+    D_ts = w_ts + u_t + u_s with u = m/2 − r, r the means of W's rows and m their mean.
+    """
+    samples = len(power)
+    window = _lag_window(samples)
+    rows = _toeplitz(window, np.ones((samples, 1)))[:, 0] / samples
+    u = 0.5 * rows.mean() - rows
+    norm = 1.0 - 0.75 * LONG_RUN_SHARE
+    trace = (window[0] + 2.0 * u) @ power / norm
+    plain, with_u, with_square = power.sum(axis=0), u @ power, (u**2) @ power
+    square = (
+        (power * _toeplitz(window**2, power)).sum(axis=0)
+        + 4.0 * (u[:, None] * power * _toeplitz(window, power)).sum(axis=0)
+        + 2.0 * (plain * with_square + with_u**2)
+    )
+    return trace, square / norm**2
+
+
+def _lag_window(samples: int) -> np.ndarray:
+    """Weights of the lags 0, 1, …."""
+    return parzen(np.arange(samples) / (LONG_RUN_SHARE * samples))
+
+
+def _toeplitz(weights: np.ndarray, series: np.ndarray) -> np.ndarray:
+    """Σ_s w_|t−s| x_s of every column."""
+    samples = len(series)
+    around = np.concatenate([weights, [0.0], weights[:0:-1]])
+    transform = np.fft.rfft(series, 2 * samples, axis=0) * np.fft.rfft(around)[:, None].real
+    return np.asarray(np.fft.irfft(transform, axis=0)[:samples])
