@@ -41,7 +41,8 @@ def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
     Returns
     -------
     tuple of ErrorLaw
-        Independent, AR(1) and narrow-band errors; and, where the model allows it, drifting parameters beside narrow-band errors.
+        Independent, AR(1) and narrow-band errors; and, where the model allows it, drifting parameters beside independent and
+        beside narrow-band errors.
     """
     inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
     return (IID(), AR1(), DampedCosine(), *inside)
@@ -72,7 +73,7 @@ class LawChoice:
     @property
     def chosen(self) -> int:
         """Place of the first law whose evidence is the largest, within the errors of both."""
-        best = max(self.evidences, key=lambda e: e.value)
+        best = max(self.evidences, key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
         return next(
             place
             for place, e in enumerate(self.evidences)

@@ -22,6 +22,9 @@ from structid.units import factor
 SPANS = 5
 """Parts of the first record between knots, where nothing else is said."""
 
+MOST_SPANS = 100
+"""Most parts of the first record: each knot is a further parameter to be sampled for every parameter that drifts."""
+
 DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
 """Prior of a drift over the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
 
@@ -70,7 +73,19 @@ class Drifting(ErrorLaw):
         -------
         Drifting
             With a time between knots.
+
+        Raises
+        ------
+        InputError
+            If the knots are too many.
         """
+        if self.every is not None and duration > MOST_SPANS * self.every:
+            raise InputError(
+                "Drifting(every)",
+                f"{self.every:g} s, which puts {duration / self.every:.0f} knots in a record of {duration:g} s",
+                f"{duration / MOST_SPANS:.3g} s or more",
+                "Parameters that change with every cycle explain any measurement.",
+            )
         return replace(self, every=self.every or duration / SPANS, _space=space)
 
     @property
@@ -94,7 +109,7 @@ class Drifting(ErrorLaw):
         return found
 
     def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
-        """B at the knots; see `ErrorLaw.hidden_parameters`.
+        """Give the values of every b_j at the knots; see `ErrorLaw.hidden_parameters`.
 
         Parameters
         ----------
