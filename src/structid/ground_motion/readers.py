@@ -1,4 +1,4 @@
-"""Readers of accelerograms: PEER AT2 files with the newer or the older header, and text files with columns."""
+"""Readers of signals: accelerograms by their format, and text files with columns."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from structid.errors import InputError
-from structid.units import STANDARD_GRAVITY, to_si
+from structid.ground_motion.record_files import lines_of, numbers_of, read_esm, read_peer
+from structid.units import to_si
 
-_NEW_HEADER = re.compile(r"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*([\d.]+(?:[eE][-+]?\d+)?)", re.IGNORECASE)
-_OLD_HEADER = re.compile(r"^\s*(\d+)\s+([\d.]+(?:[eE][-+]?\d+)?)\s+.*NPTS\s*,\s*DT", re.IGNORECASE)
+NOT_READ = {
+    "COSMOS": re.compile(r"COSMOS\s+FORMAT", re.IGNORECASE),
+    "CSMIP volume 1 or 2": re.compile(r"(UN)?CORRECTED ACCELEROGRAM", re.IGNORECASE),
+}
+"""Formats that are known by their first lines, and not read."""
 
 
 def read_acceleration(
     path: str | os.PathLike[str], dt: float | None = None, unit: str | None = None, column: int | None = None
 ) -> tuple[np.ndarray, float]:
-    """Read a ground acceleration from a PEER ``.AT2`` file, or from a text file with columns.
+    """Read a ground acceleration from a PEER ``.AT2`` file, an ESM ASCII file, or a text file with columns.
 
     Parameters
     ----------
@@ -27,7 +31,7 @@ def read_acceleration(
     dt : float, optional
         Time step [s] of a text file without a time column.
     unit : str, optional
-        Unit of the values of a text file; AT2 files are in g.
+        Unit of the values. Needed for a text file; that of another file is in its header, and must be the same.
     column : int, optional
         Column of the values in a text file, counted from 0.
 
@@ -42,7 +46,18 @@ def read_acceleration(
         If the file cannot be read as such a record, or a text file comes without a unit.
     """
     if Path(path).suffix.lower() == ".at2":
-        return read_peer(path)[:2]
+        return read_peer(path, unit)
+    first = "\n".join(lines_of(path)[:40])
+    if "SAMPLING_INTERVAL_S" in first:
+        return read_esm(path, unit)
+    for name, sign in NOT_READ.items():
+        if sign.search(first):
+            raise InputError(
+                f"{path}",
+                f"a file in the format {name}, which is not read",
+                "PEER AT2, ESM ASCII, or text with a time and an acceleration column",
+                "Convert it, or cut out its accelerations, one a line: GroundMotion.read(path, dt=0.01, unit='cm/s^2').",
+            )
     if unit is None:
         raise InputError(
             f"{path}",
@@ -51,49 +66,6 @@ def read_acceleration(
             "Give the unit of the values: GroundMotion.read(path, unit='g').",
         )
     return read_columns(path, unit, dt, column, "m/s^2")
-
-
-def read_peer(path: str | os.PathLike[str]) -> tuple[np.ndarray, float, str]:
-    """Read a PEER ``.AT2`` file: four header lines, the third or fourth with count and step, then values in g.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-
-    Returns
-    -------
-    tuple of ndarray, float and str
-        Acceleration [m/s²], time step [s], and the event line of the header.
-
-    Raises
-    ------
-    InputError
-        If the file is empty, has no such header, holds a value that is not a number, or a different number of values than its
-        header gives.
-    """
-    lines = _lines(path)
-    matches = [_NEW_HEADER.search(line) or _OLD_HEADER.search(line) for line in lines[:6]]
-    number = next((i for i, found in enumerate(matches) if found), -1)
-    match = matches[number] if number >= 0 else None
-    if match is None:
-        raise InputError(
-            f"{path}, lines 1-6",
-            "no line with NPTS and DT",
-            "a PEER AT2 header such as 'NPTS= 4000, DT= .0100'",
-            "Columns of text need a time column or dt: GroundMotion.read(path, dt=0.01, unit='g').",
-        )
-    count, dt = int(match.group(1)), float(match.group(2))
-    values = _numbers(path, lines[number + 1 :], first_line=number + 2)
-    if values.size != count:
-        raise InputError(
-            f"{path}, line {number + 1}",
-            f"the header says NPTS = {count}, and {values.size} values follow",
-            "as many values as the header says",
-            "The file is cut short or damaged: download it again.",
-        )
-    event = lines[1].strip() if number >= 2 else Path(path).stem
-    return values * STANDARD_GRAVITY, dt, event
 
 
 def read_columns(
@@ -133,11 +105,11 @@ def read_columns(
     """
     rows: list[list[float]] = []
     numbers: list[int] = []
-    for number, line in enumerate(_lines(path), start=1):
+    for number, line in enumerate(lines_of(path), start=1):
         text = line.strip()
         if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
             continue
-        row = _numbers(path, [text.replace(",", " ").replace(";", " ")], first_line=number)
+        row = numbers_of(path, [text.replace(",", " ").replace(";", " ")], first_line=number)
         if rows and len(row) != len(rows[0]):
             raise InputError(f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before")
         rows.append(list(row))
@@ -145,6 +117,13 @@ def read_columns(
     if len(rows) < 2:
         raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more")
     table = np.array(rows)
+    if dt is not None and column is None and table.shape[1] > 1:
+        raise InputError(
+            f"{path}, line {numbers[0]}",
+            f"{table.shape[1]} values a line, a time step, and no column named",
+            f"column=0 to {table.shape[1] - 1}, or one value a line",
+            "Where the record goes on from line to line, write it with one value a line. A time column needs no dt.",
+        )
     index = (0 if dt is not None else 1) if column is None else column
     if not 0 <= index < table.shape[1]:
         raise InputError(
@@ -191,34 +170,3 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
         )
     # The mean over all samples has the digits that single printed times lack.
     return float(f"{dt:.9g}")
-
-
-def _lines(path: str | os.PathLike[str]) -> list[str]:
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
-    text = file.read_bytes().decode("utf-8", errors="replace")
-    # Files copied between systems may end their lines in \r\r\n; lines are counted by \n.
-    lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
-    if not any(line.strip() for line in lines):
-        raise InputError(f"{path}", "the file is empty", "a record", "Download it again.")
-    return lines
-
-
-def _numbers(path: str | os.PathLike[str], lines: list[str], first_line: int) -> np.ndarray:
-    values: list[float] = []
-    for number, line in enumerate(lines, start=first_line):
-        for word in line.split():
-            try:
-                value = float(word)
-            except ValueError:
-                raise InputError(f"{path}, line {number}", f"'{word}' is not a number", "numbers") from None
-            if not np.isfinite(value):
-                raise InputError(
-                    f"{path}, line {number}",
-                    f"'{word}'",
-                    "finite numbers",
-                    "Repair the record: structid does not fill gaps.",
-                )
-            values.append(value)
-    return np.array(values)

@@ -58,16 +58,16 @@ class GroundMotion(Excitation):
         column: int | None = None,
         name: str | None = None,
     ) -> GroundMotion:
-        """Read a PEER AT2 file or a text file with columns.
+        """Read a PEER AT2 file, an ESM ASCII file, or a text file with columns.
 
         Parameters
         ----------
         path : path-like
-            A ``.AT2`` file, or text/CSV with a time and an acceleration column, or one column.
+            An ``.AT2`` or ESM file, or text/CSV with a time and an acceleration column, or one column.
         dt : float, optional
             Time step [s] of a file without a time column.
         unit : str, optional
-            Unit of the values of a text file, such as ``"g"`` or ``"cm/s^2"``; AT2 files are in g.
+            Unit of the values of a text file, such as ``"g"`` or ``"cm/s^2"``. Other files say theirs, and must agree.
         column : int, optional
             Column of the values in a text file, counted from 0.
         name : str, optional

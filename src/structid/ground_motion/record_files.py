@@ -1,0 +1,241 @@
+"""Accelerograms whose headers say what they hold: PEER AT2 and ESM ASCII."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.units import to_si
+
+_NUMBER = r"(\d*[.,]?\d+(?:[eEdD][-+]?\d+)?|\d+[.,])"
+_COUNT = re.compile(r"NPTS\s*[=:]\s*(\d+)", re.IGNORECASE)
+_STEP = re.compile(rf"\bDT\s*[=:]\s*{_NUMBER}\s*(MSEC|MS\b)?", re.IGNORECASE)
+_OLD_HEADER = re.compile(rf"^\s*(\d+)\s+{_NUMBER}\s+.*NPTS\s*,\s*DT", re.IGNORECASE)
+_ANOTHER_QUANTITY = re.compile(r"\b(VELOCITY|DISPLACEMENT)\s+TIME\s+(SERIES|HISTORY)", re.IGNORECASE)
+_UNIT = re.compile(r"\bUNITS?\s*(?:OF|ARE|IN|[:=])\s*[(\[]?\s*([A-Za-z][\w*/^]*)", re.IGNORECASE)
+
+UNITS = {
+    "g": "g", "gal": "cm/s^2", "gals": "cm/s^2", "mg": "0.001 g",
+    **{spelt: "cm/s^2" for spelt in ("cm/sec**2", "cm/s**2", "cm/s/s", "cm/sec/sec", "cm/sec2", "cm/s2", "cm/s^2", "cm/sec^2")},
+    **{spelt: "m/s^2" for spelt in ("m/sec**2", "m/s**2", "m/s/s", "m/sec/sec", "m/sec2", "m/s2", "m/s^2", "m/sec^2")},
+    **{spelt: "mm/s^2" for spelt in ("mm/sec**2", "mm/s**2", "mm/s/s", "mm/s2", "mm/s^2")},
+}  # fmt: skip
+"""Units of an acceleration as headers spell them, in small letters."""
+
+
+def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.ndarray, float]:
+    """Read a PEER ``.AT2`` file: a header of up to eight lines with the count, the step, the quantity and its unit, then values.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    unit : str, optional
+        Unit of the values, where the header says none, or the same one; g where nobody says any.
+
+    Returns
+    -------
+    tuple of ndarray and float
+        Acceleration [m/s²] and time step [s].
+
+    Raises
+    ------
+    InputError
+        If the file is empty, has no such header, is no acceleration, has another unit than is given or one that is not known,
+        holds a value that is not a number, or a different number of values than its header gives.
+    """
+    lines = lines_of(path)
+    count, step, last = _count_and_step(path, lines)
+    header = lines[: last + 1]
+    another = _ANOTHER_QUANTITY.search("\n".join(header))
+    if another is not None:
+        raise InputError(
+            f"{path}, lines 1-{last + 1}",
+            f"a {another.group(0).lower()}",
+            "an acceleration",
+            "Take the .AT2 file of the same record.",
+        )
+    by = _factor(path, header, unit)
+    values = numbers_of(path, [_repaired(line) for line in lines[last + 1 :]], first_line=last + 2)
+    if values.size != count:
+        raise InputError(
+            f"{path}, line {last + 1}",
+            f"the header says NPTS = {count}, and {values.size} values follow",
+            "as many values as the header says",
+            "The file is cut short or damaged: download it again.",
+        )
+    return values * by, step
+
+
+def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, float, int]:
+    """NPTS, DT [s], and the number from 0 of the last line of the header."""
+    count, step = None, None
+    for number, line in enumerate(lines[:8]):
+        old = _OLD_HEADER.search(line)
+        if old is not None:
+            return int(old.group(1)), _decimal(old.group(2)), number
+        points, dt = _COUNT.search(line), _STEP.search(line)
+        count = int(points.group(1)) if points else count
+        step = _decimal(dt.group(1)) * (1e-3 if dt.group(2) else 1.0) if dt else step
+        if count is not None and step is not None:
+            return count, step, number
+    raise InputError(
+        f"{path}, lines 1-8",
+        "no lines with NPTS and DT",
+        "a PEER AT2 header such as 'NPTS= 4000, DT= .0100'",
+        "Columns of text need a time column or dt, and another ending than .at2: GroundMotion.read(path, dt=0.01, unit='g').",
+    )
+
+
+def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -> float:
+    """SI value of one unit of the values: what the header says, and somebody who gives it too."""
+    found = next(((n, m.group(1)) for n, line in enumerate(header, start=1) if (m := _UNIT.search(line))), None)
+    given = None if unit is None else to_si(f"1 {unit}", "m/s^2", f"{path}: unit")
+    if found is None:
+        return to_si("1 g", "m/s^2", f"{path}: unit") if given is None else given
+    number, spelt = found
+    known = UNITS.get(spelt.lower())
+    if known is None:
+        if given is not None:
+            return given
+        raise InputError(
+            f"{path}, line {number}",
+            f"the unit '{spelt}'",
+            "g, gal, cm/sec**2, m/sec**2, …",
+            "Say which it is: GroundMotion.read(path, unit='cm/s^2').",
+        )
+    by = to_si(known if known[0].isdigit() else f"1 {known}", "m/s^2", f"{path}: unit")
+    if given is not None and abs(given / by - 1.0) > 1e-3:
+        raise InputError(
+            f"{path}, line {number}",
+            f"the header says '{spelt}', and unit='{unit}' is given",
+            "one unit",
+            "Leave the unit out, or correct the header.",
+        )
+    return by
+
+
+def _decimal(word: str) -> float:
+    """A number with a decimal comma, or with Fortran's exponent."""
+    return float(re.sub("[dD]", "e", word.replace(",", ".")))
+
+
+def _repaired(line: str) -> str:
+    """A line as Fortran may print it: exponents with D, negative values without a space before them, decimal commas."""
+    apart = re.sub(r"(?<=[\d.])-", " -", re.sub(r"(?<=[\d.])[dD](?=[-+]?\d)", "e", line))
+    return re.sub(r"(?<=\d),(?=\d)|(?<=[\s-]),(?=\d)", ".", apart).replace(",", " ")
+
+
+def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.ndarray, float]:
+    """Read an ESM ASCII file: lines ``KEY: value``, then one value a line.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    unit : str, optional
+        Unit of the values, to be checked against that of the header.
+
+    Returns
+    -------
+    tuple of ndarray and float
+        Acceleration [m/s²] and time step [s].
+
+    Raises
+    ------
+    InputError
+        If it is no acceleration, or header and values do not fit together.
+    """
+    lines = lines_of(path)
+    keys = {key.strip(): value.strip() for key, colon, value in (line.partition(":") for line in lines) if colon}
+    last = max(number for number, line in enumerate(lines) if ":" in line)
+    if keys.get("DATA_TYPE", "ACCELERATION").upper() != "ACCELERATION":
+        raise InputError(
+            f"{path}", f"DATA_TYPE: {keys['DATA_TYPE']}", "ACCELERATION", "Take the record's acceleration."
+        )
+    by = _factor(path, [f"UNITS: {keys.get('UNITS', '')}"], unit)
+    values = numbers_of(path, lines[last + 1 :], first_line=last + 2)
+    if keys.get("NDATA", str(values.size)) != str(values.size):
+        raise InputError(
+            f"{path}",
+            f"the header says NDATA: {keys['NDATA']}, and {values.size} values follow",
+            "as many values as the header says",
+            "The file is cut short or damaged: download it again.",
+        )
+    return values * by, _decimal(keys["SAMPLING_INTERVAL_S"])
+
+
+# --- text -----------------------------------------------------------------------------------------------------------
+
+
+def lines_of(path: str | os.PathLike[str]) -> list[str]:
+    """Read the lines of a text file, whatever they end with.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    list of str
+        Not all empty.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or nothing in it.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
+    text = file.read_bytes().decode("utf-8", errors="replace")
+    # Files copied between systems may end their lines in \r\r\n; lines are counted by \n.
+    lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
+    if not any(line.strip() for line in lines):
+        raise InputError(f"{path}", "the file is empty", "a record", "Download it again.")
+    return lines
+
+
+def numbers_of(path: str | os.PathLike[str], lines: list[str], first_line: int) -> np.ndarray:
+    """Read all numbers of some lines.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, for messages.
+    lines : list of str
+        Its lines.
+    first_line : int
+        Number of the first of them.
+
+    Returns
+    -------
+    ndarray
+        One after the other.
+
+    Raises
+    ------
+    InputError
+        If a word is no number, or not finite; it names the line.
+    """
+    values: list[float] = []
+    for number, line in enumerate(lines, start=first_line):
+        for word in line.split():
+            try:
+                value = float(word)
+            except ValueError:
+                raise InputError(f"{path}, line {number}", f"'{word}' is not a number", "numbers") from None
+            if not np.isfinite(value):
+                raise InputError(
+                    f"{path}, line {number}",
+                    f"'{word}'",
+                    "finite numbers",
+                    "Repair the record: structid does not fill gaps.",
+                )
+            values.append(value)
+    return np.array(values)

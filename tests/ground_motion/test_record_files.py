@@ -1,0 +1,141 @@
+"""Headers of accelerograms: many ways to say the same record are read to the same numbers; what is no such record is refused."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import InputError
+
+VALUES = np.array([0.0123, -0.0456, 0.1, -0.25, 0.3, 0.0, -0.0789, 0.0005])
+G = 9.80665
+
+TITLE = "PEER STRONG MOTION DATABASE RECORD\nSOMEWHERE 01/01/2000, STATION, 090\n"
+IN_G = "ACCELERATION TIME SERIES IN UNITS OF G\n"
+
+
+def body(form="{:.4e}", between="  ", minus="-"):
+    return between.join(form.format(v) for v in VALUES).replace("-0.", minus + "0.")
+
+
+SAME = {
+    "as PEER writes it": TITLE + IN_G + "NPTS=  8, DT=  .0100 SEC,\n" + body(),
+    "the older header": TITLE + IN_G + "   8   0.01   NPTS, DT\n" + body(),
+    "DT first": TITLE + IN_G + "DT= .0100 SEC, NPTS= 8\n" + body(),
+    "on two lines": TITLE + IN_G + "NPTS= 8\nDT= .01 SEC\n" + body(),
+    "colons": TITLE + IN_G + "NPTS: 8 DT: 0.01\n" + body(),
+    "milliseconds": TITLE + IN_G + "NPTS= 8, DT= 10.0 MSEC\n" + body(),
+    "a step with an exponent": TITLE + IN_G + "NPTS= 8, DT= 1.0E-02 SEC\n" + body(),
+    "a step with a decimal comma": TITLE + IN_G + "NPTS= 8, DT= 0,0100 SEC\n" + body(),
+    "values with decimal commas": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.6f}").replace(".", ","),
+    "Fortran's exponents": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("e", "D"),
+    "negative values without a space": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("  -", "-"),
+    "no unit": TITLE + "NPTS= 8, DT= .0100 SEC\n" + body(),
+    "cm/s²": TITLE + "ACCELERATION TIME SERIES IN UNITS OF CM/SEC**2\nNPTS= 8, DT= .0100 SEC\n"
+    + "  ".join(f"{100.0 * G * v:.8f}" for v in VALUES),
+    "cm/s/s": TITLE + "UNITS: CM/S/S\nNPTS= 8, DT= .0100 SEC\n" + "  ".join(f"{100.0 * G * v:.8f}" for v in VALUES),
+    "m/s²": TITLE + "Units are (m/sec**2)\nNPTS= 8, DT= .0100 SEC\n" + "  ".join(f"{G * v:.10f}" for v in VALUES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", SAME)
+def test_one_record_in_many_spellings(how, tmp_path):
+    (tmp_path / "r.AT2").write_text(SAME[how])
+    record = si.GroundMotion.read(tmp_path / "r.AT2")
+    assert record.dt == pytest.approx(0.01, rel=1e-12) and len(record) == 8
+    np.testing.assert_allclose(record.values, G * VALUES, rtol=1e-6, atol=1e-9)
+
+
+END = "NPTS= 8, DT= .01 SEC\n" + body()
+REFUSED = {
+    "velocity": (
+        TITLE + "VELOCITY TIME SERIES IN UNITS OF CM/S\n" + END,
+        None,
+        r"a velocity time series.*an acceleration",
+    ),
+    "displacement": (TITLE + "DISPLACEMENT TIME HISTORY IN UNITS OF CM\n" + END, None, "a displacement time history"),
+    "a unit nobody knows": (TITLE + "ACCELERATION IN UNITS OF FURLONGS\n" + END, None, "line 3: the unit 'FURLONGS'"),
+    "two units": (SAME["as PEER writes it"], "cm/s^2", r"the header says 'G', and unit='cm/s\^2' is given"),
+    "a unit of another quantity": (SAME["as PEER writes it"], "cm", "unit"),
+    "no header": (TITLE + IN_G + "no numbers here\n" + body(), None, "no lines with NPTS and DT"),
+    "too few values": (TITLE + IN_G + END.replace("NPTS= 8", "NPTS= 9"), None, "NPTS = 9, and 8 values follow"),
+    "no number": (TITLE + IN_G + END.replace("3.0000e-01", "NaN"), None, "line 5: 'NaN'"),
+}
+
+
+@pytest.mark.parametrize(("text", "unit", "words"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_such_record_is_refused(text, unit, words, tmp_path):
+    (tmp_path / "r.AT2").write_text(text)
+    with pytest.raises(InputError, match=words):
+        si.GroundMotion.read(tmp_path / "r.AT2", unit=unit)
+
+
+def test_a_unit_that_is_given_and_not_in_the_header_counts(tmp_path):
+    (tmp_path / "r.AT2").write_text(SAME["no unit"])
+    np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.AT2", unit="m/s^2").values, VALUES, rtol=1e-6)
+    np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.AT2", unit="g").values, G * VALUES, rtol=1e-6)
+
+
+ESM = """EVENT_NAME: SOMEWHERE
+UNITS: cm/s^2
+SAMPLING_INTERVAL_S: 0.005000
+NDATA: 8
+DATA_TYPE: ACCELERATION
+USER5:
+"""
+
+
+def test_an_esm_file(tmp_path):
+    values = "\n".join(f"{100.0 * v:.6f}" for v in VALUES)
+    (tmp_path / "r.ASC").write_text(ESM + values)
+    record = si.GroundMotion.read(tmp_path / "r.ASC")
+    assert record.dt == 0.005
+    np.testing.assert_allclose(record.values, VALUES, rtol=1e-6, atol=1e-8)
+    for wrong, words in (
+        (ESM.replace("NDATA: 8", "NDATA: 9") + values, "NDATA: 9, and 8 values"),
+        (ESM.replace("ACCELERATION", "VELOCITY") + values, "DATA_TYPE: VELOCITY"),
+    ):
+        (tmp_path / "w.ASC").write_text(wrong)
+        with pytest.raises(InputError, match=words):
+            si.GroundMotion.read(tmp_path / "w.ASC")
+
+
+@pytest.mark.parametrize(
+    ("first", "name"), [("CORRECTED ACCELEROGRAM IIA001", "CSMIP"), ("Corrected data, COSMOS format v01.20", "COSMOS")]
+)
+def test_other_formats_are_named(first, name, tmp_path):
+    (tmp_path / "r.v2").write_text(first + "\n1 2 3\n4 5 6\n")
+    with pytest.raises(InputError, match=f"{name}.*which is not read"):
+        si.GroundMotion.read(tmp_path / "r.v2", unit="g", dt=0.01)
+
+
+def test_values_that_go_on_from_line_to_line_are_not_read_as_columns(tmp_path):
+    (tmp_path / "wrapped.txt").write_text("\n".join(" ".join(f"{v:.3f}" for v in row) for row in VALUES.reshape(2, 4)))
+    with pytest.raises(InputError, match="4 values a line, a time step, and no column named"):
+        si.GroundMotion.read(tmp_path / "wrapped.txt", dt=0.01, unit="g")
+    assert len(si.GroundMotion.read(tmp_path / "wrapped.txt", dt=0.01, unit="g", column=2)) == 2
+
+
+def test_damaged_headers_are_told_and_never_crash(tmp_path):
+    """Two thousand records with bytes changed, lost and doubled: read, or one paragraph."""
+    rng, texts = np.random.default_rng(1), list(SAME.values())
+    read = 0
+    for _ in range(2000):
+        text = bytearray(texts[rng.integers(len(texts))].encode())
+        for _ in range(rng.integers(1, 6)):
+            place = int(rng.integers(len(text)))
+            match rng.integers(3):
+                case 0:
+                    text[place] = int(rng.integers(256))
+                case 1:
+                    del text[place]
+                case _:
+                    text[place:place] = text[place : place + int(rng.integers(1, 30))]
+        (tmp_path / "r.AT2").write_bytes(bytes(text))
+        try:
+            record = si.GroundMotion.read(tmp_path / "r.AT2")
+        except InputError as told:
+            assert len(str(told).splitlines()) == 1
+        else:
+            read += 1
+            assert np.isfinite(record.values).all() and record.dt > 0.0
+    assert 0 < read < 2000
