@@ -234,8 +234,15 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If all values of the record are zero.
+            If all values of the record are zero, or the peak is not a positive number.
         """
+        if not 0.0 < pga < np.inf:
+            raise InputError(
+                "scale_to_pga",
+                f"{pga!r}",
+                "a peak in m/s², more than 0",
+                "A record with the opposite sign is scale(-1.0).",
+            )
         if self.pga == 0.0:
             raise InputError(
                 "scale_to_pga", "all values of the record are zero", "a record that is not zero everywhere"
@@ -273,10 +280,11 @@ class GroundMotion(Excitation):
         Raises
         ------
         InputError
-            If the interval is empty or starts outside the record.
+            If the interval is empty, or does not lie within the record.
         """
-        first, last = round(start / self.dt), min(round(end / self.dt), len(self) - 1)
-        if first < 0 or last - first < 1:
+        inside = 0.0 <= start < end <= self.duration + self.dt
+        first, last = (round(start / self.dt), min(round(end / self.dt), len(self) - 1)) if inside else (0, 0)
+        if last - first < 1:
             raise InputError("trim", f"{start:g} s to {end:g} s", f"an interval within 0 s to {self.duration:g} s")
         return self._with(self.values[first : last + 1])
 
