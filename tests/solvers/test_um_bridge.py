@@ -1,6 +1,7 @@
 """UM-Bridge: our client and the official server, the official client and our server."""
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,6 +33,9 @@ def test_our_client_runs_a_server_written_with_the_official_package():
     assert "ripple" in nobody.reasons[0]
 
 
+LISTENING = Path("/proc/net/tcp")
+
+
 def test_the_official_client_reads_our_server(tmp_path, study_space):
 
     study = tmp_path / "study.toml"
@@ -47,6 +51,11 @@ def test_the_official_client_reads_our_server(tmp_path, study_space):
 
         built = load(study)
         assert names == ["forward", "posterior"]
+        if LISTENING.exists():
+            # Columns: a number, the local address and port in hexadecimal, the remote ones, the state; 0A listens.
+            rows = [line.split() for line in LISTENING.read_text().splitlines()[1:]]
+            heard = {row[1].split(":")[0] for row in rows if row[3] == "0A" and int(row[1].split(":")[1], 16) == port}
+            assert heard == {"0100007F"}, "this machine's own address alone"
         forward = umbridge.HTTPModel(f"http://127.0.0.1:{port}", "forward")
         assert forward.get_input_sizes() == [4] and forward.get_output_sizes() == [601]
         theta = built.space.sample(1, seed=2).values

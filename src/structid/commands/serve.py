@@ -13,6 +13,9 @@ from structid.commands.screen import screen
 def serve(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
     port: Annotated[int, typer.Option(help="Where to listen.")] = 4242,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 is every network, without a password.")
+    ] = "127.0.0.1",
 ) -> None:
     """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
     from structid.solvers.um_bridge import serve as serve_models
@@ -20,5 +23,5 @@ def serve(
     from structid.study.serve import offered
 
     models = offered(load(study))
-    screen.print(f"Serving {', '.join(m.name for m in models)} at http://localhost:{port} (Ctrl-C stops)")
-    serve_models(models, port)
+    screen.print(f"Serving {', '.join(m.name for m in models)} at http://{host}:{port} (Ctrl-C stops)")
+    serve_models(models, port, host)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 
@@ -303,7 +304,7 @@ class ServedModel(Served):
         return type(self.excitation)(record["values"], record["dt"], record.get("name", "request"))
 
 
-def serve(models: Sequence[ServedModel], port: int = 4242) -> None:
+def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.1") -> None:
     """Serve models over HTTP until the process is stopped.
 
     Parameters
@@ -312,9 +313,12 @@ def serve(models: Sequence[ServedModel], port: int = 4242) -> None:
         What to offer.
     port : int
         Where.
+    host : str
+        Address to listen at; by default this machine's own, which no other machine reaches. There is no password.
     """
     try:
         import umbridge
+        from aiohttp import web
     except ImportError:
         raise InputError(
             "structid serve",
@@ -322,4 +326,6 @@ def serve(models: Sequence[ServedModel], port: int = 4242) -> None:
             "the extra 'umbridge'",
             "pip install 'structid[umbridge]'.",
         ) from None
-    umbridge.serve_models(list(models), port)
+    # umbridge listens on every interface, and has no word for another address: the server that it starts is given one.
+    with patch.object(web, "run_app", functools.partial(web.run_app, host=host)):
+        umbridge.serve_models(list(models), port)
