@@ -139,3 +139,19 @@ def test_damaged_headers_are_told_and_never_crash(tmp_path):
             read += 1
             assert np.isfinite(record.values).all() and record.dt > 0.0
     assert 0 < read < 2000
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0.00 0.5\n0.01 -0.25\n0.02 1.5", "0.00,0.5\n0.01,-0.25\n0.02,1.5", "time, acc\n0.00, 0.5\n0.01, -0.25\n0.02, 1.5",
+        "0,00;0,5\n0,01;-0,25\n0,02;1,5", "t; a\n0,00; 0,5\n0,01; -0,25\n0,02; 1,5", "0,00 0,5\n0,01 -0,25\n0,02 1,5",
+        "0,00\t0,5\n0,01\t-0,25\n0,02\t1,5", "0.00;0.5\n0.01;-0.25\n0.02;1.5",
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "latin-1"])
+def test_points_commas_semicolons_and_encodings(text, encoding, tmp_path):
+    (tmp_path / "r.csv").write_bytes(("# Beschleunigung in m/s\u00b2\n" + text).encode(encoding))
+    record = si.GroundMotion.read(tmp_path / "r.csv", unit="m/s^2")
+    assert record.dt == 0.01
+    np.testing.assert_array_equal(record.values, [0.5, -0.25, 1.5])

@@ -19,6 +19,10 @@ NOT_READ = {
 """Formats that are known by their first lines, and not read."""
 
 
+_MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
+"""A number, perhaps with a decimal comma."""
+
+
 def read_acceleration(
     path: str | os.PathLike[str], dt: float | None = None, unit: str | None = None, column: int | None = None
 ) -> tuple[np.ndarray, float]:
@@ -109,7 +113,7 @@ def read_columns(
         text = line.strip()
         if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
             continue
-        row = numbers_of(path, [text.replace(",", " ").replace(";", " ")], first_line=number)
+        row = numbers_of(path, [_in_columns(text)], first_line=number)
         if rows and len(row) != len(rows[0]):
             raise InputError(f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before")
         rows.append(list(row))
@@ -145,9 +149,22 @@ def read_columns(
     return table[:, index] * by, dt
 
 
+def _in_columns(text: str) -> str:
+    """A line with its values apart by spaces, and decimal points.
+
+    Values are apart by semicolons, spaces or commas. A comma within a number is a decimal one where something else is between
+    the numbers: ``0,01; 0,35`` and ``0,01  0,35``, but not ``0,1``.
+    """
+    words = text.split(";") if ";" in text else text.split()
+    decimal = ";" in text or (len(words) > 1 and any("," in w for w in words))
+    if decimal and all(_MAYBE_DECIMAL_COMMA.fullmatch(word.strip()) for word in words if word.strip()):
+        return " ".join(word.strip().replace(",", ".") for word in words)
+    return text.replace(",", " ").replace(";", " ")
+
+
 def _is_header(text: str) -> bool:
     """Whether a line holds a word that is not a number; ``nan`` counts as a number and is rejected later."""
-    for word in text.replace(",", " ").replace(";", " ").split():
+    for word in _in_columns(text).split():
         try:
             float(word)
         except ValueError:

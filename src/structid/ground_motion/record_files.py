@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 from pathlib import Path
@@ -193,7 +194,9 @@ def lines_of(path: str | os.PathLike[str]) -> list[str]:
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a readable file", "Check the name and the folder.")
-    text = file.read_bytes().decode("utf-8", errors="replace")
+    raw = file.read_bytes()
+    marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    text = raw.decode("utf-16" if marked else "utf-8-sig", errors="replace")
     # Files copied between systems may end their lines in \r\r\n; lines are counted by \n.
     lines = [line.strip("\r") for line in (text.split("\n") if "\n" in text else text.split("\r"))]
     if not any(line.strip() for line in lines):

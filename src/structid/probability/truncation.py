@@ -60,7 +60,7 @@ class Marginal:
                 f"{self.family}(low, high)",
                 f"low = {self.low:g} and high = {self.high:g}",
                 "low < high",
-                "Exchange them.",
+                "Exchange them." if self.low > self.high else "A value that is known belongs in the model.",
             )
         if not self._mass > SMALLEST_MASS:
             raise InputError(
