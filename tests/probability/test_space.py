@@ -89,3 +89,15 @@ def test_a_space_comes_back_from_its_plain_words(study_space):
         again = si.ParameterSpace.from_plain(json.loads(json.dumps(one.to_plain())))
         assert again.content_hash == one.content_hash
         np.testing.assert_array_equal(again.sample(9, seed=1).values, one.sample(9, seed=1).values)
+
+
+def test_a_correlation_beyond_one_is_named_with_its_pair():
+    with pytest.raises(InputError, match=r"correlation of a and b: 2.0. Allowed: a number between -1 and 1"):
+        si.ParameterSpace(correlation={("a", "b"): 2.0}, a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
+
+
+@pytest.mark.parametrize(("low", "high", "cure"), [(2.0, 1.0, "Exchange"), (1.0, 1.0, "known belongs in the model")])
+def test_bounds_out_of_order_have_their_cure(low, high, cure):
+    for prior in (lambda: si.Uniform(low, high), lambda: si.Normal(1.5, 1.0, low=low, high=high)):
+        with pytest.raises(InputError, match=cure):
+            prior()

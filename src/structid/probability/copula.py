@@ -59,6 +59,8 @@ def _of_pairs(given: Mapping[tuple[str, str], float], names: Sequence[str]) -> n
         for name in pair:
             if name not in names:
                 raise InputError("correlation", f"the name '{name}'", ", ".join(names), suggestion(name, names))
+        if not -1.0 < value < 1.0:
+            raise InputError(f"correlation of {' and '.join(pair)}", f"{value!r}", "a number between -1 and 1")
         i, j = (names.index(n) for n in pair)
         matrix[i, j] = matrix[j, i] = value
     return matrix

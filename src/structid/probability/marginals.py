@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError
-from structid.probability.truncation import Marginal
+from structid.probability.truncation import Marginal, out_of_order
 
 __all__ = ["Beta", "Frozen", "Gamma", "Gumbel", "LogNormal", "Marginal", "Normal", "Uniform", "Weibull"]
 
@@ -53,7 +53,7 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
             "Uniform(low, high)",
             f"low = {low:g} and high = {high:g}",
             "finite numbers with low < high",
-            "Exchange them.",
+            out_of_order(low, high) if np.isfinite([low, high]).all() else "",
         )
     base = scipy.stats.uniform(low, high - low)
     return Marginal("Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit)

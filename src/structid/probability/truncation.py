@@ -23,6 +23,24 @@ SMALLEST_MASS = 1e-6
 """A truncation that keeps less probability than this is rejected as a mistake."""
 
 
+def out_of_order(low: float, high: float) -> str:
+    """Say what to do about bounds of which the lower is not below the upper.
+
+    Parameters
+    ----------
+    low, high : float
+        The bounds.
+
+    Returns
+    -------
+    str
+        The cure; empty where one is not a finite number.
+    """
+    if low > high:
+        return "Exchange them."
+    return "A value that is known belongs in the model." if low == high else ""
+
+
 @dataclass(frozen=True, eq=False)
 class Marginal:
     """Prior distribution of one parameter. Numbers in the constructor are in `unit`; all results are in SI.
@@ -60,7 +78,7 @@ class Marginal:
                 f"{self.family}(low, high)",
                 f"low = {self.low:g} and high = {self.high:g}",
                 "low < high",
-                "Exchange them." if self.low > self.high else "A value that is known belongs in the model.",
+                out_of_order(self.low, self.high),
             )
         if not self._mass > SMALLEST_MASS:
             raise InputError(
