@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import common
@@ -157,6 +157,11 @@ class Found:
         self.strong.append(float(inside[strong].mean()))
         self.quiet.append(float(inside[~strong].mean()))
 
+    def take_last_of(self, other: Found) -> None:
+        """Add what another has found last."""
+        for each in fields(self):
+            getattr(self, each.name).append(getattr(other, each.name)[-1])
+
     def row(self, label: str, chosen: int) -> list[str]:
         """One line of the table."""
         scatter = np.std(self.means, axis=0, ddof=1)
@@ -177,7 +182,7 @@ def wrong_model_rows(records: int) -> list[list[str]]:
             choice = si.choose_law(space(), model, observation, list(LAWS.values()), seed=index)
             for law, result in zip(LAWS, choice.results, strict=True):
                 found[law].take(result, truth, motion_of(index + 1))
-            found["the chosen one"].take(choice.result, truth, motion_of(index + 1))
+            found["the chosen one"].take_last_of(found[list(LAWS)[choice.chosen]])
             chosen[list(LAWS)[choice.chosen]] += 1
             print(f"{name}, record {index + 1} of {records}: {choice.sentence}", flush=True)
         rows += [found[law].row(f"{name}: {law}", chosen[law] or "") for law in found]

@@ -183,7 +183,7 @@ def calibrate(
         If `store` belongs to another calibration.
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
-    if discrepancy is not None and discrepancy.added is not discrepancy:
+    if discrepancy is not None and discrepancy.inside:
         raise InputError(
             "calibrate(discrepancy)",
             f"{discrepancy.describe()['kind']}, whose errors are inside the model",

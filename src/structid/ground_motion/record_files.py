@@ -62,14 +62,18 @@ def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np
         )
     by = _factor(path, header, unit)
     values = numbers_of(path, [_repaired(line) for line in lines[last + 1 :]], first_line=last + 2)
-    if values.size != count:
+    _check_count(f"{path}, line {last + 1}", f"NPTS = {count}", values.size == count, values.size)
+    return values * by, step
+
+
+def _check_count(where: str, said: str, right: bool, found: int) -> None:
+    if not right:
         raise InputError(
-            f"{path}, line {last + 1}",
-            f"the header says NPTS = {count}, and {values.size} values follow",
+            where,
+            f"the header says {said}, and {found} values follow",
             "as many values as the header says",
             "The file is cut short or damaged: download it again.",
         )
-    return values * by, step
 
 
 def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int, float, int]:
@@ -158,15 +162,10 @@ def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.
         raise InputError(
             f"{path}", f"DATA_TYPE: {keys['DATA_TYPE']}", "ACCELERATION", "Take the record's acceleration."
         )
-    by = _factor(path, [f"UNITS: {keys.get('UNITS', '')}"], unit)
+    by = _factor(path, lines[: last + 1], unit)
     values = numbers_of(path, lines[last + 1 :], first_line=last + 2)
-    if keys.get("NDATA", str(values.size)) != str(values.size):
-        raise InputError(
-            f"{path}",
-            f"the header says NDATA: {keys['NDATA']}, and {values.size} values follow",
-            "as many values as the header says",
-            "The file is cut short or damaged: download it again.",
-        )
+    told = keys.get("NDATA", str(values.size))
+    _check_count(f"{path}", f"NDATA: {told}", told == str(values.size), values.size)
     return values * by, _decimal(keys["SAMPLING_INTERVAL_S"])
 
 

@@ -221,4 +221,4 @@ def _evidence(result: SamplingResult) -> Evidence:
 def _in_words(law: ErrorLaw) -> str:
     """Name of a law, and of the errors that are added where there are others inside the model."""
     word = str(law.describe()["kind"]).replace("_", " ")
-    return word if law.added is law else f"{word} parameters + {_in_words(law.added)}"
+    return f"{word} parameters + {_in_words(law.added)}" if law.inside else word

@@ -99,9 +99,7 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     point = jnp.asarray(theta)[None, :]
 
     def whitened(moved: Any, bound: BoundLikelihood) -> Any:
-        response, _ = as_traceable(bound.model, "identifiability").response(
-            bound.parameters(moved), bound.measured.excitation
-        )
+        response, _ = bound.response(moved, bound.measured)
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
         return bound.discrepancy.whiten(bound.shown(response, moved), unknown, bound.channels, bound.dt)
 

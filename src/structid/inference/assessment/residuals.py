@@ -139,9 +139,9 @@ def residual_warnings(
     list of str
         A sentence for each residual that is correlated.
     """
-    added, inside = law.added, law.added is not law
+    added = law.added
     assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
-    if inside:
+    if law.inside:
         assumed += f" beside {law.describe()['kind']} parameters"
     found = []
     for residual in residuals:

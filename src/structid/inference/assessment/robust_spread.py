@@ -11,6 +11,9 @@ from structid.inference.likelihood.posterior import Posterior
 LONG_RUN_SHARE = 1.0 / 6.0
 """Width of the window of a long-run covariance, as a share of the history."""
 
+KEPT = 1.0 - 0.75 * LONG_RUN_SHARE
+"""What is left of the covariance of white noise when terms are taken about their own mean."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobustSpread:
@@ -95,12 +98,12 @@ def robust_spread(posterior: Posterior, draws: np.ndarray) -> RobustSpread:
 
 def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.ndarray, np.ndarray]:
     """ψ of one observation (time, parameter), and a = Cov(m, θ) of its whitened response m (time, channel, parameter)."""
-    observation = posterior.observations[index]
-    pointwise = posterior.pointwise_log_likelihood(draws, index).sum(axis=2)
+    observation, response = posterior.observations[index], posterior.predict(draws, index)
+    pointwise = posterior.pointwise_log_likelihood(draws, index, response).sum(axis=2)
     finite = np.isfinite(pointwise).all(axis=1)
     centred = (draws - draws.mean(axis=0))[finite] / finite.sum()
     psi = (pointwise[finite] - pointwise[finite].mean(axis=0)).T @ centred
-    response = posterior.predict(draws[finite], index)
+    response = response[finite]
     mean = {
         name: np.repeat(value, len(response))
         for name, value in posterior.unknowns(draws.mean(axis=0)[None], index).items()
@@ -132,7 +135,7 @@ def long_run_covariance(series: np.ndarray) -> np.ndarray:
     count = series.shape[1]
     centred = series - series.mean(axis=0)
     found = centred.T @ _toeplitz(_lag_window(len(series)), centred)
-    return np.asarray(0.5 * (found + found.T).reshape(count, count) / (1.0 - 0.75 * LONG_RUN_SHARE))
+    return np.asarray(0.5 * (found + found.T).reshape(count, count) / KEPT)
 
 
 def parzen(x: np.ndarray) -> np.ndarray:
@@ -160,15 +163,14 @@ def _traces(power: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     window = _lag_window(samples)
     rows = _toeplitz(window, np.ones((samples, 1)))[:, 0] / samples
     u = 0.5 * rows.mean() - rows
-    norm = 1.0 - 0.75 * LONG_RUN_SHARE
-    trace = (window[0] + 2.0 * u) @ power / norm
+    trace = (window[0] + 2.0 * u) @ power / KEPT
     plain, with_u, with_square = power.sum(axis=0), u @ power, (u**2) @ power
     square = (
         (power * _toeplitz(window**2, power)).sum(axis=0)
         + 4.0 * (u[:, None] * power * _toeplitz(window, power)).sum(axis=0)
         + 2.0 * (plain * with_square + with_u**2)
     )
-    return trace, square / norm**2
+    return trace, square / KEPT**2
 
 
 def _lag_window(samples: int) -> np.ndarray:

@@ -318,12 +318,16 @@ class ReplicatedPosterior(Target):
 
         return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), self._values[0].shape[:2])
 
+    def _replicas(self, runs: int) -> np.ndarray:
+        """Replica of each of so many runs."""
+        return np.repeat(np.arange(self._count), runs // self._count)
+
     def _signals(self, runs: int) -> list[tuple[slice, Signals]]:
         """Batches of so many runs, replica by replica, and what each of these measured. Those of one number of runs are kept."""
         if self._kept_signals is None or self._kept_signals[0] != runs:
             own = self._values[0].transpose(2, 0, 1)
             batches = [slice(start, start + LARGEST_BATCH) for start in range(0, runs, LARGEST_BATCH)]
-            replica = np.repeat(np.arange(self._count), runs // self._count)
+            replica = self._replicas(runs)
             self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]
         return self._kept_signals[1]
 
@@ -340,12 +344,12 @@ class ReplicatedPosterior(Target):
         tuple of ndarray, shape (run,)
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
-        replica = np.repeat(np.arange(self._count), len(phi) // self._count)
         lanes = self._in_lanes
         if lanes is not None:
             parts = [lanes(phi[runs], signals) for runs, signals in self._signals(len(phi))]
             prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
             return prior, likelihood, failed
+        replica = self._replicas(len(phi))
         if self._posterior.model.traceable:
             rows = np.concatenate([phi, replica[:, None]], axis=1)
             prior, likelihood, failed = in_batches(self._compiled, rows, self._measured)

@@ -151,6 +151,23 @@ class BoundLikelihood:
         """
         return self._space.columns(theta, self._free)
 
+    def response(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+        """Response of the model, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        measured : Measured
+            With the record.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, model channel, run), and whether they are finite (run,).
+        """
+        return self._traceable.response(self.parameters(theta), measured.excitation)
+
     def shown(self, response: Any, theta: Any) -> Any:
         """Turn a model's response into what the instruments would show, inside JAX.
 
@@ -260,7 +277,7 @@ class BoundLikelihood:
         loop = self._loop(parameters, measured)
         fold = self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, len(measured.values))
         if loop is None or fold is None:
-            response, finite = self._traceable.response(parameters, measured.excitation)
+            response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
         return loop.folded(fold, measured.values, self._residual(theta))
 
@@ -284,7 +301,7 @@ class BoundLikelihood:
             return measured.shortcut.squares(parameters)
         loop = self._loop(parameters, measured)
         if loop is None:
-            response, finite = self._traceable.response(parameters, measured.excitation)
+            response, finite = self.response(theta, measured)
             return ((measured.values - self.shown(response, theta)) ** 2).sum(axis=0), finite
         nothing = jnp.zeros((len(self.channels), theta.shape[0]))
         return loop.folded(sum_of_squares(nothing), measured.values, self._residual(theta))
@@ -307,7 +324,7 @@ class BoundLikelihood:
             exact = measured.shortcut.marginal_log_likelihood(parameters, variance)
             if exact is not None:
                 return exact
-        response, finite = self._traceable.response(parameters, measured.excitation)
+        response, finite = self.response(theta, measured)
         white, stand_in = 0.0, self.model.stand_in
         if stand_in is not None:
             white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]

@@ -22,6 +22,11 @@ class ErrorLaw(ABC):
     def added(self) -> Discrepancy:
         """The law of the errors that are added to the response."""
 
+    @property
+    def inside(self) -> bool:
+        """Whether there are errors inside the model, too."""
+        return self.added is not self
+
     def among(self, space: ParameterSpace, duration: float) -> ErrorLaw:
         """Return the law for a model with these unknown parameters.
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
-from structid.inference.likelihood.independent import IID
-from structid.inference.likelihood.kernels import AR1, DampedCosine
+from structid.inference.likelihood.independent import IID, IID_KIND
+from structid.inference.likelihood.kernels import AR1_KIND, DAMPED_COSINE_KIND
 from structid.inference.likelihood.law_kind import LawKind
 from structid.models.drifting_model import DriftingModel, drift_name, knot_names
 from structid.models.face import Model
@@ -168,7 +168,7 @@ class Drifting(ErrorLaw):
         return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
 
 
-ERRORS: dict[str, type[Discrepancy]] = {"iid": IID, "ar1": AR1, "damped_cosine": DampedCosine}
+ERRORS = {kind.word: kind.law for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
 """Laws of the errors beside the drift, by their word in a study file."""
 
 

@@ -97,9 +97,9 @@ class JointLikelihood:
             for index, bound in enumerate(self.of)
             for (mean, sd), members in self.law.scatters(bound.observation.record.duration).items()
         ]
-        return Bijection(plain.bounds, plain.scales, scatters)
+        return Bijection(plain.bounds, plain.scales, scatters) if scatters else plain
 
-    @property
+    @cached_property
     def discrepancy_names(self) -> set[str]:
         """Parameters of the discrepancy, for all observations."""
         return set(self.law.shared_parameters) | {
@@ -109,14 +109,14 @@ class JointLikelihood:
             if name not in bound.observation.nuisances()
         }
 
-    @property
-    def hidden_names(self) -> set[str]:
+    @cached_property
+    def hidden_names(self) -> frozenset[str]:
         """Parameters of no interest by themselves, of all observations; see `ErrorLaw.hidden_parameters`."""
-        return {
+        return frozenset(
             self._label(name, index)
             for index, bound in enumerate(self.of)
             for name in self.law.hidden_parameters(bound.observation.record.duration)
-        }
+        )
 
     def model_parameters(self, theta: Any) -> Any:
         """Columns of the model's free parameters.

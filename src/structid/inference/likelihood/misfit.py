@@ -73,7 +73,7 @@ class Misfit:
         """All weighted residuals of every run, (residual, run)."""
         full, parts = self._with_rest(theta), []
         for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
-            response, _ = as_traceable(bound.model, "misfit").response(bound.parameters(full), measured.excitation)
+            response, _ = bound.response(full, measured)
             residual = (measured.values - bound.shown(response, full)) * np.sqrt(weights)[:, None]
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)

@@ -112,7 +112,7 @@ class Posterior(Target):
     @property
     def hidden(self) -> frozenset[str]:
         """What the errors inside the model are at single times; see `ErrorLaw.hidden_parameters`."""
-        return frozenset(self.likelihood.hidden_names)
+        return self.likelihood.hidden_names
 
     @property
     def costs_runs(self) -> bool:
@@ -398,7 +398,9 @@ class Posterior(Target):
         """
         return self.likelihood.predict(theta, index, progress)
 
-    def pointwise_log_likelihood(self, theta: np.ndarray, index: int = 0) -> np.ndarray:
+    def pointwise_log_likelihood(
+        self, theta: np.ndarray, index: int = 0, prediction: np.ndarray | None = None
+    ) -> np.ndarray:
         """Log-likelihood of every observation.
 
         Parameters
@@ -407,6 +409,8 @@ class Posterior(Target):
             Parameters in SI.
         index : int
             Which observation.
+        prediction : ndarray, shape (run, time, channel), optional
+            From `predict`, where it is there already.
 
         Returns
         -------
@@ -415,7 +419,8 @@ class Posterior(Target):
         """
         theta = self.likelihood.points(theta)
         observation = self.observations[index]
-        residual = (observation.values - self.predict(theta, index)).transpose(1, 2, 0)
+        prediction = self.predict(theta, index) if prediction is None else prediction
+        residual = (observation.values - prediction).transpose(1, 2, 0)
         unknown, dt = self.unknowns(theta, index), observation.record.dt
         pointwise = self.discrepancy.pointwise(residual, unknown, observation.channels, dt)
         return np.asarray(pointwise).transpose(2, 0, 1)

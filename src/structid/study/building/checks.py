@@ -55,7 +55,7 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
         _check_surrogate(study, study.campaign, study.campaign_records)
     if study.posterior is None:
         return
-    if study.has_surrogate and study.posterior.law.added is not study.posterior.law:
+    if study.has_surrogate and study.posterior.law.inside:
         raise InputError(
             "key 'discrepancy.kind'",
             f"'{study.file.discrepancy.kind}' with a [surrogate]",
