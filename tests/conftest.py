@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,12 @@ import pytest
 import structid as si
 from oscillators import DEGRADING
 from pictures import Pictures
+
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    # On import ArviZ 0.23 notes that it has given its warning of the day, and two workers at once trip over each other's note.
+    with contextlib.suppress(ImportError), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import arviz  # noqa: F401
 
 SHARED = Path(os.environ.get("STRUCTID_SHARED", Path(__file__).parents[2] / "shared"))
 

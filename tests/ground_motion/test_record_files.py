@@ -92,6 +92,8 @@ def test_an_esm_file(tmp_path):
     np.testing.assert_allclose(record.values, VALUES, rtol=1e-6, atol=1e-8)
     for wrong, words in (
         (ESM.replace("NDATA: 8", "NDATA: 9") + values, "NDATA: 9, and 8 values"),
+        (ESM.replace("UNITS: cm/s^2\n", "") + values, "UNITS: , SAMPLING"),
+        (ESM.replace("0.005000", "often") + values, "SAMPLING_INTERVAL_S: often"),
         (ESM.replace("ACCELERATION", "VELOCITY") + values, "DATA_TYPE: VELOCITY"),
     ):
         (tmp_path / "w.ASC").write_text(wrong)

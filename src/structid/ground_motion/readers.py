@@ -52,7 +52,7 @@ def read_acceleration(
     if Path(path).suffix.lower() == ".at2":
         return read_peer(path, unit)
     first = "\n".join(lines_of(path)[:40])
-    if "SAMPLING_INTERVAL_S" in first:
+    if "SAMPLING_INTERVAL_S:" in first:
         return read_esm(path, unit)
     for name, sign in NOT_READ.items():
         if sign.search(first):

@@ -162,11 +162,19 @@ def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.
         raise InputError(
             f"{path}", f"DATA_TYPE: {keys['DATA_TYPE']}", "ACCELERATION", "Take the record's acceleration."
         )
+    step = re.fullmatch(_NUMBER, keys.get("SAMPLING_INTERVAL_S", ""))
+    if step is None or (unit is None and not keys.get("UNITS")):
+        raise InputError(
+            f"{path}, lines 1-{last + 1}",
+            f"UNITS: {keys.get('UNITS', '')}, SAMPLING_INTERVAL_S: {keys.get('SAMPLING_INTERVAL_S', '')}",
+            "a unit and a time step in seconds",
+            "Complete the header, or name the unit: GroundMotion.read(path, unit='cm/s^2').",
+        )
     by = _factor(path, lines[: last + 1], unit)
     values = numbers_of(path, lines[last + 1 :], first_line=last + 2)
     told = keys.get("NDATA", str(values.size))
     _check_count(f"{path}", f"NDATA: {told}", told == str(values.size), values.size)
-    return values * by, _decimal(keys["SAMPLING_INTERVAL_S"])
+    return values * by, _decimal(step.group(1))
 
 
 # --- text -----------------------------------------------------------------------------------------------------------
