@@ -49,7 +49,7 @@ _PUBLIC = {
     "PODKriging": "surrogates.pod.pod_kriging",
     "PODPCE": "surrogates.pod.pod_pce",
     "ParameterSpace": "probability.space",
-    "Plan": "calibration.sequential",
+    "Plan": "calibration.plan",
     "Posterior": "inference.likelihood.posterior",
     "ProgramModel": "solvers.program",
     "Runs": "runs",

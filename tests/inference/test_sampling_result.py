@@ -52,7 +52,7 @@ def test_a_posterior_on_a_bound_of_its_prior():
         {name: marginal.support for name, marginal in space.marginals.items()},
     )
     density.space = space
-    warnings = si.sample(density, si.AIES(walkers=12, ensembles=2, steps=400), seed=1).verdict().warnings
+    warnings = si.sample(density, si.AIES(walkers=40, ensembles=4, steps=8000), seed=1).verdict().warnings
     assert [w for w in warnings if "of a sits on the lower bound" in w and "show nothing of it" in w]
     assert [w for w in warnings if "of b sits on the lower bound" in w and w.endswith("would go further")]
     assert len(warnings) == 2  # and nothing of far tails

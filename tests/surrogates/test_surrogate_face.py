@@ -176,7 +176,7 @@ def test_a_stronger_record_is_warned_of(fitted, space, record):
 def test_a_posterior_warns_of_a_surrogate_too_coarse_for_its_data(fitted, model, space, record):
     rng = np.random.default_rng(5)
     truth = model.simulate(np.array([[7.2e6, 0.3]]), record).values[0, :, 0]
-    settings = si.SMC(particles=60, ensembles=2, steps=10, effective_share=0.3, correlation=0.6)
+    settings = si.SMC(particles=300, ensembles=2, steps=20, effective_share=0.3, correlation=0.5)
 
     def warned(noise):
         measured = si.Observation(record, truth + noise * truth.std() * rng.normal(size=truth.shape))

@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.inference.assessment.certificate import Certificate, Limits
 from structid.inference.assessment.summary import Summary
+from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling_result import SamplingResult
@@ -100,6 +101,8 @@ class CalibrationResult:
         The last one.
     runs : Runs
         All true runs.
+    law_choice : LawChoice or None
+        Which law of the errors the data chose, where it was left to them.
     """
 
     sampling: SamplingResult = field(repr=False)
@@ -108,6 +111,7 @@ class CalibrationResult:
     posterior: Posterior = field(repr=False)
     surrogate: Surrogate = field(repr=False)
     runs: Runs = field(repr=False)
+    law_choice: LawChoice | None = field(default=None, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,8 +136,8 @@ class CalibrationResult:
 
     @property
     def trusted(self) -> bool:
-        """Whether the surrogate's error may be neglected: it is certified, or has no effect on the draws."""
-        return self.exact or self.certificate.certified
+        """Whether the numbers may be believed: the surrogate is certified or has no effect on the draws, and these converged."""
+        return (self.exact or self.certificate.certified) and self.sampling.verdict().converged
 
     @property
     def reweighted(self) -> bool:
@@ -215,4 +219,6 @@ class CalibrationResult:
         return Summary(table.names, table.units, {**table.columns, **moments})
 
     def __str__(self) -> str:
-        return "\n".join([str(self.certificate), *(f"  {r}" for r in self.rounds), str(self.summary())])
+        verdict = self.sampling.verdict()
+        certificate = self.certificate.said(verdict.converged)
+        return "\n".join([certificate, *(f"  {r}" for r in self.rounds), str(verdict), str(self.summary())])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,14 @@ import numpy as np
 from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
 from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.nearness import nearness
+from structid.calibration.plan import Plan
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status
-from structid.inference.assessment.certificate import Certificate, Limits, StoredRuns, certify
+from structid.inference.assessment.certificate import Certificate, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.law_choice import LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
@@ -40,83 +42,14 @@ SCHEMA = 5
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
 
+AUTO = "auto"
+"""In place of a law of the errors: the data choose it."""
+
+LAWS_FOLDER = "laws"
+"""Draws under each of the laws that may be chosen."""
+
 Tell = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and the total."""
-
-
-@dataclass(frozen=True)
-class Plan:
-    """How true runs are spent.
-
-    Parameters
-    ----------
-    true_runs : int
-        Largest number of parameter points at which the true model is run, including those of the certificate. Each is run on
-        every record.
-    start : int
-        Points of the first design.
-    batch : int
-        Points added in each round.
-    certificate : int
-        Fresh draws for a certificate; a fifth as many tempered ones are added.
-    widen : float
-        How much further than the prior the first design reaches, in normal scores.
-    limits : Limits
-        What the certificate must meet.
-    explorer : SMC
-        Explores the surrogate's posterior in each round.
-    """
-
-    true_runs: int = 500
-    start: int = 60
-    batch: int = 40
-    certificate: int = 200
-    widen: float = 2.0
-    limits: Limits = field(default_factory=Limits)
-    explorer: SMC = field(default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5))
-
-    def __post_init__(self) -> None:
-        for name, least in (("start", 10), ("batch", 5), ("certificate", 50)):
-            value = getattr(self, name)
-            if not (isinstance(value, (int, np.integer)) and value >= least):
-                raise InputError(f"calibrate({name})", f"{value!r}", f"a whole number, {least} or more")
-        if self.true_runs < self.start + self.needed:
-            raise InputError(
-                "calibrate(true_runs)",
-                f"{self.true_runs}",
-                f"{self.start + self.needed} or more: {self.start} of the first design and {self.needed} of a certificate",
-            )
-        drawn = self.explorer.particles * self.explorer.ensembles
-        if drawn < 2 * self.certificate:
-            raise InputError("calibrate(explorer)", f"{drawn} particles", f"{2 * self.certificate} or more")
-
-    @property
-    def tempered(self) -> int:
-        """Tempered draws of a certificate."""
-        return self.certificate // 5
-
-    @property
-    def needed(self) -> int:
-        """Points of a certificate."""
-        return self.certificate + self.tempered
-
-    @property
-    def rounds(self) -> int:
-        """Largest number of rounds between the first design and the last certificate."""
-        return (self.true_runs - self.start - self.needed) // self.batch
-
-    def describe(self) -> dict[str, Any]:
-        """Settings that decide the points: all except how many there may be.
-
-        Returns
-        -------
-        dict
-            For hashes; a calibration with more true runs continues the same one.
-        """
-        return {
-            "start": self.start, "batch": self.batch, "certificate": self.certificate, "widen": self.widen,
-            "explorer": {**self.explorer.describe(), "steps": self.explorer.steps},
-        }  # fmt: skip
 
 
 def calibrate(
@@ -124,7 +57,7 @@ def calibrate(
     space: ParameterSpace,
     observations: Observation | Sequence[Observation],
     surrogate: SurrogateSettings | None = None,
-    discrepancy: ErrorLaw | None = None,
+    discrepancy: ErrorLaw | str | None = None,
     *,
     true_runs: int = 500,
     plan: Plan | None = None,
@@ -152,8 +85,9 @@ def calibrate(
         What was measured.
     surrogate : PODKriging, PODPCE, PCNARX or KrigingNARX, optional
         Settings of the surrogate; `PODKriging` when left out.
-    discrepancy : Discrepancy, optional
-        The law of the difference between model and measurement.
+    discrepancy : Discrepancy or "auto", optional
+        The law of the difference between model and measurement; independent errors when left out. ``"auto"`` lets the data choose
+        one by its evidence as soon as the surrogate is good enough near the posterior; see `structid.choose_law`.
     true_runs : int
         Budget of true runs, including those of the certificate. With several records, each point counts once.
     plan : Plan, optional
@@ -183,16 +117,18 @@ def calibrate(
         If `store` belongs to another calibration.
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
-    if discrepancy is not None and discrepancy.inside:
+    law = _law(discrepancy)
+    if law is not None and law.inside:
         raise InputError(
             "calibrate(discrepancy)",
-            f"{discrepancy.describe()['kind']}, whose errors are inside the model",
+            f"{law.describe()['kind']}, whose errors are inside the model",
             "errors that are added to the response: iid, ar1, matern32, damped_cosine",
             "A surrogate stands for the model as it is. Sample the model itself: structid.sample, or a study without a surrogate.",
         )
     with kept_open(model, executor) as workers:
         loop = _Loop(
-            Posterior(space, model, observations, discrepancy),
+            Posterior(space, model, observations, law),
+            law is None and discrepancy is not None,
             settings,
             Plan(true_runs=true_runs) if plan is None else plan,
             SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5) if sampler is None else sampler,
@@ -204,12 +140,20 @@ def calibrate(
         return loop.run()
 
 
+def _law(discrepancy: ErrorLaw | str | None) -> ErrorLaw | None:
+    """The law that is given; None where it is left out, or to be chosen."""
+    if isinstance(discrepancy, str) and discrepancy != AUTO:
+        raise InputError("calibrate(discrepancy)", f"'{discrepancy}'", f"a law such as structid.AR1(), or '{AUTO}'")
+    return None if isinstance(discrepancy, str) else discrepancy
+
+
 class _Loop:
     """One calibration, round by round."""
 
     def __init__(
         self,
         posterior: Posterior,
+        law_is_open: bool,
         settings: SurrogateSettings,
         plan: Plan,
         sampler: Sampler,
@@ -220,7 +164,7 @@ class _Loop:
     ) -> None:
         self.posterior, self.settings, self.plan, self.sampler = posterior, settings, plan, sampler
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
-        self.space = posterior.model_space
+        self.space, self.law_is_open = posterior.model_space, law_is_open
         self.records = tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
         self.points = self.space.sample(plan.start, seed, "sobol", plan.widen).values
         settings.check(self._design(), self.records, posterior.model.channels)
@@ -228,6 +172,7 @@ class _Loop:
         self.rounds: list[Round] = []
         self.last: Batch | None = None
         self.surrogate: Surrogate | None = None
+        self.choice: LawChoice | None = None
 
     @property
     def _identity(self) -> dict[str, Any]:
@@ -235,6 +180,7 @@ class _Loop:
             "schema": SCHEMA,
             "engine": engine(),
             "posterior": self.posterior.content_hash,
+            **({"law": AUTO} if self.law_is_open else {}),
             "surrogate": digest(type(self.settings).__name__, repr(self.settings)),
             "plan": digest(self.plan.describe()),
             "seed": self.seed,
@@ -249,11 +195,14 @@ class _Loop:
             training = len(self.points)
             replayed = number < len(stored)
             surrogate = self._surrogate(number, runs)
+            due = self._is_time_for_a_certificate(training)
+            if due and self.law_is_open and self.choice is None:
+                due = self._choose_law(surrogate) or not self._room(training)
             under = self.posterior.on(surrogate)
             if replayed:
                 batch, final = _batch_of(stored[number]), bool(stored[number]["final"])
             else:
-                final = self._is_time_for_a_certificate(training)
+                final = due
                 batch = self._batch(number, surrogate, under, final)
                 if self.journal is not None:
                     self.journal.append(_entry(batch, final))
@@ -339,7 +288,22 @@ class _Loop:
     def _is_time_for_a_certificate(self, training: int) -> bool:
         """When the last batch says so, or when the budget leaves no room for another batch before it."""
         promising = bool(self.rounds) and self.rounds[-1].promising(self.plan.limits)
-        return promising or training + self.plan.batch + self.plan.needed > self.plan.true_runs
+        return promising or not self._room(training)
+
+    def _room(self, training: int) -> bool:
+        """Whether the budget leaves room for another batch before the certificate."""
+        return training + self.plan.batch + self.plan.needed <= self.plan.true_runs
+
+    def _choose_law(self, surrogate: Surrogate) -> bool:
+        """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
+        folder, seed = (
+            None if self.folder is None else self.folder / LAWS_FOLDER,
+            derived_seed(self.seed, Purpose.LAW_CHOICE),
+        )
+        told = self._told("choosing the law of the errors")
+        self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=told, store=folder)
+        self.posterior = self.posterior.on(law=self.choice.posterior.law)
+        return self.choice.chosen == 0
 
     def _affordable(self, spent: int) -> bool:
         return spent + self.plan.needed <= self.plan.true_runs
@@ -393,7 +357,7 @@ class _Loop:
         else:
             drawn = sample(under, sampler, seed, chains, progress=self._told("sampling"))
             drawn = replace(drawn, certified=certificate.certified)
-        return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs)
+        return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs, self.choice)
 
     def _told(self, what: str) -> Progress:
         def tell(done: int, total: int) -> None:

@@ -115,17 +115,22 @@ def finish(outcome: StudyOutcome) -> None:
     summary = (outcome.calibration or outcome.result).summary()
     screen.print(str(summary), markup=False, soft_wrap=True)
     screen.print()
-    if outcome.result.cost is not None:
-        screen.print(f"Exact: {outcome.result.cost}", style="green", soft_wrap=True)
+    if outcome.law_choice is not None:
+        screen.print(outcome.law_choice.sentence, markup=False, soft_wrap=True)
         screen.print()
-    if outcome.calibration is not None:
-        certificate = outcome.calibration.certificate
+    if outcome.result.cost is not None:
+        exact = "Exact" if outcome.result.verdict().converged else "Exact in the long run, but not converged"
         screen.print(
-            str(certificate), style="green" if certificate.certified else "bold red", markup=False, soft_wrap=True
+            f"{exact}: {outcome.result.cost}", style="green" if outcome.trusted else "bold red", soft_wrap=True
         )
         screen.print()
+    if outcome.calibration is not None:
+        said = outcome.calibration.certificate.said(outcome.result.verdict().converged)
+        screen.print(said, style="green" if outcome.trusted else "bold red", markup=False, soft_wrap=True)
+        screen.print()
     verdict = outcome.result.verdict()
-    screen.print(str(verdict), style="green" if verdict.converged else "bold red", markup=False, soft_wrap=True)
+    good = verdict.converged and not verdict.doubt
+    screen.print(str(verdict), style="green" if good else "bold red", markup=False, soft_wrap=True)
     screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
     if not outcome.trusted:
         raise typer.Exit(NOT_CONVERGED)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError
+from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.drifting import Drifting
 from structid.inference.likelihood.independent import IID
@@ -18,7 +21,6 @@ from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
-from structid.models.drifting_model import drift_name
 from structid.models.face import Map, Model, Progress
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed
@@ -56,9 +58,12 @@ class LawChoice:
     ----------
     results : tuple of SamplingResult
         Draws under each law, the simplest law first.
+    added_only : bool
+        Whether laws with errors inside the model are passed over, because their hidden values could not be sampled reliably.
     """
 
     results: tuple[SamplingResult, ...] = field(repr=False)
+    added_only: bool = False
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -73,10 +78,15 @@ class LawChoice:
     @property
     def chosen(self) -> int:
         """Place of the first law whose evidence is the largest, within the errors of both."""
-        best = max(self.evidences, key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
+        allowed = {
+            place: e
+            for place, e in enumerate(self.evidences)
+            if not (self.added_only and _posterior(self.results[place]).law.inside)
+        }
+        best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
         return next(
             place
-            for place, e in enumerate(self.evidences)
+            for place, e in allowed.items()
             if best.value - e.value <= ERRORS_APART * float(np.hypot(best.error, e.error)) or e is best
         )
 
@@ -93,9 +103,15 @@ class LawChoice:
     @property
     def sentence(self) -> str:
         """What was chosen, and what it says of the model."""
+        if self.added_only:
+            return (
+                f"{self.laws[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, but their "
+                "hidden values could not be sampled reliably: independent populations disagree."
+            )
         said = f"The data choose {self.laws[self.chosen]}{self._margin}."
-        drifts = drift_words(self.result)
-        return f"{said} {drifts}" if drifts else said
+        if not self.posterior.law.inside:
+            return said
+        return f"{said} {ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)}"
 
     @property
     def _margin(self) -> str:
@@ -118,35 +134,6 @@ class LawChoice:
         return "\n".join(lines)
 
 
-def drift_words(result: SamplingResult) -> str:
-    """Say how far the parameters of a model drift.
-
-    Parameters
-    ----------
-    result : SamplingResult
-        Draws of a posterior.
-
-    Returns
-    -------
-    str
-        A sentence; empty where none drifts.
-    """
-    posterior = result.target
-    if not isinstance(posterior, Posterior):
-        return ""
-    mean, factors = (
-        dict(zip(result.names, result.mean, strict=True)),
-        dict(zip(result.names, posterior.factors, strict=True)),
-    )
-    parts = []
-    for name in posterior.model_space.names:
-        if drift_name(name) in mean:
-            drift, unit = mean[drift_name(name)] / factors[name], posterior.units[name]
-            share = f" ({drift * factors[name] / abs(mean[name]):.1%} of its mean)" if mean[name] else ""
-            parts.append(f"{name} by {drift:.2g}{' ' + unit if unit else ''}{share}")
-    return f"The parameters drift while the structure moves: {', '.join(parts)}." if parts else ""
-
-
 def choose_law(
     space: ParameterSpace,
     model: Model,
@@ -157,6 +144,7 @@ def choose_law(
     seed: int = 0,
     map: Map | None = None,
     progress: Progress | None = None,
+    store: str | os.PathLike[str] | None = None,
 ) -> LawChoice:
     """Choose the law of the errors by its evidence.
 
@@ -178,6 +166,8 @@ def choose_law(
         Maps the runs of an external model, like ``Executor.map``.
     progress : callable, optional
         Called with the percentage done and 100.
+    store : path-like, optional
+        A folder for the draws under each law, from which a killed choice goes on.
 
     Returns
     -------
@@ -191,18 +181,54 @@ def choose_law(
     ConvergenceError
         If no law has an evidence.
     """
-    laws = usual_laws(model) if laws is None else tuple(laws)
-    if not laws:
+    return choose_among(Posterior(space, model, observations, map=map), laws, sampler, seed, progress, store)
+
+
+def choose_among(
+    posterior: Posterior,
+    laws: Sequence[ErrorLaw] | None = None,
+    sampler: SMC = EXPLORER,
+    seed: int = 0,
+    progress: Progress | None = None,
+    store: str | os.PathLike[str] | None = None,
+) -> LawChoice:
+    """Choose the law of the errors of a posterior; see `choose_law`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Under any law.
+    laws, sampler, seed, progress, store
+        As in `choose_law`; when left out, those of the `usual_laws` that can be sampled in seconds.
+
+    Returns
+    -------
+    LawChoice
+        Draws and evidence under each.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to choose among.
+    ConvergenceError
+        If no law has an evidence.
+    """
+    if laws is not None and not laws:
         raise InputError("choose_law(laws)", "none", "one law or more")
-    results = []
-    for place, law in enumerate(laws):
-        of = Posterior(space, model, observations, law, map=map)
+    under = [posterior.on(law=law) for law in (usual_laws(posterior.model) if laws is None else laws)]
+    if laws is None:  # a model that drifts outside the compiled lanes takes minutes
+        under = [each for each in under if each.in_lanes or not each.law.inside]
+    results, folder = [], None if store is None else Path(store)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    for place, of in enumerate(under):
+        kept = None if folder is None else folder / f"law_{place + 1}.h5"
 
         def told(done: int, total: int, place: int = place) -> None:
             if progress is not None:
-                progress(int(100 * (place + done / total) / len(laws)), 100)
+                progress(int(100 * (place + done / total) / len(under)), 100)
 
-        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, place), progress=told))
+        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, place), kept, progress=told))
     if not any(np.isfinite(_evidence(r).value) for r in results):
         raise ConvergenceError("No law has an evidence: every simulation at draws of the prior fails.")
     return LawChoice(tuple(results))

@@ -21,7 +21,9 @@ from structid.inference.assessment.diagnostics import (
     parameter_diagnostics,
     stuck_walkers,
 )
+from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
+from structid.inference.assessment.parameter_drift import ParameterDrift, parameter_drift
 from structid.inference.assessment.prior_warnings import prior_warnings
 from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
@@ -29,7 +31,6 @@ from structid.inference.assessment.summary import Summary
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
-from structid.models.face import StandIn
 
 if TYPE_CHECKING:
     import xarray
@@ -38,10 +39,6 @@ THINNED_DRAWS = 1000
 """Draws used for predictive histories."""
 STORED_DRAWS = 300
 """Draws whose predictive histories and pointwise likelihoods are put into the ArviZ groups."""
-SURROGATE_NATS = 2.0
-"""Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
-UNEXPLAINED_LIMIT = 0.25
-"""The reader is warned if at least this fraction of the measurement's variance is left unexplained."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,13 +184,14 @@ class SamplingResult:
         Summary
             In display units.
         """
-        factors = self.target.factors
+        factors, drift = self.target.factors, self.drift
         q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95]))
         d = list(self._diagnostics.values())
         columns = {
             "mean": self.mean / factors,
             "sd": self.sd / factors,
-            **({} if self.robust_sd is None else {"robust_sd": self.robust_sd / factors}),
+            **({} if self.robust is None or self.robust.same else {"robust_sd": self.robust.sd / factors}),
+            **({} if drift is None or not drift.found else {"sd_elsewhere": drift.widened(self.sd) / factors}),
             "q05": q05 / factors,
             "median": median / factors,
             "q95": q95 / factors,
@@ -227,6 +225,21 @@ class SamplingResult:
         return None if self.robust is None else self.robust.sd
 
     @cached_property
+    def drift(self) -> ParameterDrift | None:
+        """How far the model's parameters drift in time; see `parameter_drift`.
+
+        None for a run that has not converged, without a measurement, and for an external solver.
+        """
+        posterior = self._measured
+        if posterior is None or posterior.costs_runs or self._convergence[1]:
+            return None
+        if posterior.law.inside:
+            return ParameterDrift.sampled(posterior, self.flat)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)
+            return parameter_drift(posterior, self.map_estimate)
+
+    @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:
         """Whitened residuals at the MAP estimate, one for each measured channel; none without measurement."""
         if self._measured is None:
@@ -251,6 +264,8 @@ class SamplingResult:
             converged=not failures,
             failures=tuple(failures),
             warnings=tuple(self._warnings(unexplained)),
+            wrong_model=() if failures else tuple(wrong_model(unexplained, self.drift, self.mean)),
+            wrong_law=tuple(self._wrong_law()),
             parameters=self._diagnostics,
             acceptance=accepted.mean(axis=0),
             stuck=stuck,
@@ -276,32 +291,13 @@ class SamplingResult:
         return predictive.unexplained_fraction(self._measured, self.map_estimate)
 
     def _warnings(self, unexplained: float) -> list[str]:
-        space = getattr(self.target, "space", None)
-        found = [] if space is None else prior_warnings(space, self.flat)
-        if unexplained > UNEXPLAINED_LIMIT:
-            found.append(
-                f"{unexplained:.0%} of the measurement's variance is left unexplained by the best prediction: the model is wrong "
-                "for these data"
-            )
-        found += self._residual_warnings()
-        stand_in = self._stand_in
-        if stand_in is not None and self._surrogate_matters(stand_in.relative_error, unexplained):
-            error = stand_in.relative_error
-            found.append(
-                f"the surrogate's own error ({error:.1g} of the response's variance) is not small beside what the measurement "
-                f"leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
-                "structid.calibrate certify it"
-            )
-        outside = self._outside()
-        if outside > 0:
-            found.append(
-                f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
-                + (
-                    "more true runs go there"
-                    if self.certified is not None
-                    else "widen its design, or do more true runs there"
-                )
-            )
+        """What the reader must know of the draws; of an unconverged run, only what may be wrong with the sampling."""
+        found = []
+        if not self._convergence[1]:
+            space = getattr(self.target, "space", None)
+            found += [] if space is None else prior_warnings(space, self.flat)
+            if self._measured is not None:
+                found += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
         if self.divergent:
             found.append(
                 f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "
@@ -311,38 +307,15 @@ class SamplingResult:
             found.append(f"{self.failed_simulations} simulations failed and were counted as impossible")
         return found
 
-    def _residual_warnings(self) -> list[str]:
+    def _wrong_law(self) -> list[str]:
         """Residuals that the law of the discrepancy does not describe."""
-        if self._measured is None:
+        if self._measured is None or self._convergence[1]:
             return []
         count = self._measured.model_space.dimension  # the model's own parameters come first
         ratios = (
             None if self.robust_sd is None else dict(zip(self.names[:count], self.robust_sd / self.sd, strict=False))
         )
         return residual_warnings(self.residuals, self._measured.law, ratios)
-
-    @property
-    def _stand_in(self) -> StandIn | None:
-        """What the sampled model knows as a stand-in for another; None for a model that stands for itself."""
-        return None if self._measured is None else self._measured.model.stand_in
-
-    def _surrogate_matters(self, error: float, unexplained: float) -> bool:
-        """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u.
-
-        A certificate answers this better.
-        """
-        if self.certified is not None:
-            return False
-        samples = sum(len(o.values) for o in self._posterior().observations)
-        return 0.5 * samples * error > SURROGATE_NATS * unexplained
-
-    def _outside(self) -> float:
-        """Share of the draws that lie outside the range of a surrogate that is not certified."""
-        stand_in = self._stand_in
-        if stand_in is None or self.certified:
-            return 0.0
-        parameters = self._posterior().model_parameters(self.thinned(10_000))
-        return float(stand_in.outside(np.asarray(parameters)).mean())
 
     def predict(
         self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
@@ -368,6 +341,7 @@ class SamplingResult:
             self.thinned(settings.pop("draws", THINNED_DRAWS)),
             record,
             channels,
+            drift=self.drift,
             **settings,
         )
 

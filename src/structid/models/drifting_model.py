@@ -186,5 +186,23 @@ class DriftingModel(TraceableModel):
 
 def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
     """Weights of the knots at every row of a record, (row, knot): hats of width one, `step` knots a row, after `before` rows."""
-    at = np.clip((np.arange(rows) - before) * step, 0.0, knots - 1.0)
+    return hats((np.arange(rows) - before) * step, knots)
+
+
+def hats(at: np.ndarray, knots: int) -> np.ndarray:
+    """Weights of linear interpolation between knots at 0, 1, 2, …; constant before the first and after the last.
+
+    Parameters
+    ----------
+    at : ndarray, shape (row,)
+        Places between the knots.
+    knots : int
+        Number of knots.
+
+    Returns
+    -------
+    ndarray, shape (row, knot)
+        Weights; each row adds up to one.
+    """
+    at = np.clip(at, 0.0, knots - 1.0)
     return np.asarray(np.maximum(0.0, 1.0 - np.abs(at[:, None] - np.arange(knots))))

@@ -26,7 +26,9 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
     factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
     robust, spread = "robust_sd" in summary.columns, material.result.robust
     doubt = {} if spread is None else dict(zip(material.posterior.names, spread.error, strict=True))
-    heads = ["parameter", "mean", "sd", *(["robust sd"] if robust else []), "5 %", "95 %", "MAP"]
+    elsewhere = "sd_elsewhere" in summary.columns
+    further = [*(["robust sd"] if robust else []), *(["sd on another record"] if elsewhere else [])]
+    heads = ["parameter", "mean", "sd", *further, "5 %", "95 %", "MAP"]
     if material.true_values:
         heads.append("truth")
     rows = []
@@ -38,6 +40,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
             shown[0],
             f"{c['sd']:.2g}",
             *([f"{c['robust_sd']:.2g}" + (f" ± {doubt[name]:.0%}" if doubt[name] else "")] if robust else []),
+            *([f"{c['sd_elsewhere']:.2g}"] if elsewhere else []),
             *shown[1:],
         ]
         if material.true_values:

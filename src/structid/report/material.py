@@ -13,6 +13,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.record import GroundMotion
 from structid.inference.assessment.identifiability import Identifiability, identifiability
 from structid.inference.assessment.summary import Summary
+from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
@@ -68,6 +69,10 @@ class PosteriorMaterial(RunsMaterial):
         Draws of the bands.
     calibration : CalibrationResult or None
         Certificate and rounds, where the study asks for them.
+    left_to_the_data : bool
+        Whether the study lets the data choose the law of the errors.
+    law_choice : LawChoice or None
+        What they have chosen.
     """
 
     result: SamplingResult
@@ -80,6 +85,8 @@ class PosteriorMaterial(RunsMaterial):
     other_records: tuple[GroundMotion, ...]
     prediction_draws: int
     calibration: CalibrationResult | None = None
+    left_to_the_data: bool = False
+    law_choice: LawChoice | None = None
 
     @property
     def posterior(self) -> Posterior:

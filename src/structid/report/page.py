@@ -11,12 +11,13 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from structid.inference.assessment.diagnostics import Verdict
 from structid.journal import write_then_rename
 from structid.models.face import Progress
 from structid.report import section_list
 from structid.report.head import posterior_table, run_table, sentence
 from structid.report.material import PosteriorMaterial, RunsMaterial
-from structid.report.section import Picture, Section
+from structid.report.section import NEAREST, Picture, Section
 from structid.report.tables import versions_table
 
 PAGE = "report.html"
@@ -100,7 +101,8 @@ def write_report(
         verdict=material.result.verdict(),
         cost=material.result.cost,
         calibration=material.calibration,
-        too_sure=discrepancy.independent and any(r.correlated for r in material.result.residuals),
+        nearest=NEAREST,
+        doubt=_doubt(material.result.verdict()),
         independent=discrepancy.independent,
         law=material.posterior.law.describe()["kind"].replace("_", " "),
         has_truth=bool(material.true_values),
@@ -111,6 +113,11 @@ def write_report(
         settings=material.settings,
         run=run_table(material, timings),
     )
+
+
+def _doubt(verdict: Verdict) -> str:
+    """What stands beside every table and figure that it concerns; empty where nothing is wrong."""
+    return verdict.doubt if verdict.converged else "The sampler has not converged: do not use this"
 
 
 def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, float]) -> Path:
@@ -155,12 +162,19 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path) -> list[d
     shown = []
     for each in drawn:
         section, tables = each.section, each.section.tables(material)
-        if not (tables or each.pictures):
+        words = section.words(material)
+        if not (tables or each.pictures or words):
             continue
         pictures = [(p.name, p.caption, embedded(folder / "figures" / f"{p.name}.png")) for p in each.pictures]
-        words = section.words(material)
         shown.append(
-            {"key": section.key, "title": section.title, "words": words, "tables": tables, "pictures": pictures}
+            {
+                "key": section.key,
+                "title": section.title,
+                "words": words,
+                "tables": tables,
+                "pictures": pictures,
+                "under_doubt": section.under_doubt,
+            }
         )
     return shown
 

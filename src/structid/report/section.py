@@ -48,6 +48,9 @@ class Picture:
     caption: str
 
 
+NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."
+"""Of parameters, where the model is wrong."""
+
 Drawing = Callable[[Path], Picture]
 """Draws one figure into a folder, as PNG and PDF."""
 
@@ -84,6 +87,8 @@ class Section(Generic[M]):
         Its tables.
     words : callable
         Its paragraphs, before the tables.
+    under_doubt : str
+        What the reader must know here where model or law are wrong for the data; empty for a section that this does not concern.
     """
 
     key: str
@@ -91,3 +96,4 @@ class Section(Generic[M]):
     drawings: Callable[[M], Sequence[Drawing]]
     tables: Callable[[M], Sequence[Table]]
     words: Callable[[M], Sequence[str]] = nothing
+    under_doubt: str = ""

@@ -10,6 +10,7 @@ from structid.report.sections import (
     chain_convergence,
     deterministic_minima,
     fitted_surrogate,
+    law_of_the_errors,
     marginals_and_pairs,
     measured_data,
     measured_response,
@@ -21,6 +22,7 @@ from structid.report.sections import (
 OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     certificate.SECTION,
     measured_response.SECTION,
+    law_of_the_errors.SECTION,
     whitened_residuals.SECTION,
     marginals_and_pairs.SECTION,
     deterministic_minima.SECTION,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.calibration.sequential import Plan
+from structid.calibration.plan import Plan
 from structid.errors import InputError, Status
 from structid.study.building.built_study import BuiltStudy
 

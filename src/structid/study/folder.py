@@ -37,6 +37,12 @@ POSTERIOR = "posterior.nc"
 CHAINS = "chains.h5"
 """Draws of a plain sampling."""
 
+CHAINS_WITHOUT_HIDDEN = "chains_without_hidden.h5"
+"""Draws under a law without hidden values, where those could not be sampled reliably."""
+
+LAWS = "laws"
+"""Draws under each of the laws of the errors that may be chosen."""
+
 SURROGATE = "surrogate.h5"
 """The fitted surrogate."""
 

@@ -11,6 +11,7 @@ from structid.calibration.calibration_result import CalibrationResult
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CAMPAIGN_RUNS, open_runs
 from structid.errors import StructidWarning
+from structid.inference.law_choice import LawChoice
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.report.material import RunsMaterial
@@ -45,6 +46,8 @@ class StudyOutcome:
         What stood in for the model, validated.
     calibration : CalibrationResult or None
         Certificate and rounds, where the study asks for them.
+    law_choice : LawChoice or None
+        Which law of the errors the data have chosen, where it was left to them.
     """
 
     result: SamplingResult | None
@@ -53,12 +56,14 @@ class StudyOutcome:
     runs: Runs | None = None
     surrogate: Surrogate | None = None
     calibration: CalibrationResult | None = None
+    law_choice: LawChoice | None = None
 
     @property
     def trusted(self) -> bool:
         """Whether its numbers may be believed: converged, and certified where that was asked for."""
-        certified = self.calibration is None or self.calibration.trusted
-        return certified and (self.result is None or self.result.verdict().converged)
+        if self.calibration is not None:
+            return self.calibration.trusted
+        return self.result is None or self.result.verdict().converged
 
 
 def load(path: str | Path) -> BuiltStudy:
@@ -197,5 +202,11 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
             if stage.wanted(found):
                 found = stage.run(found, place)
     return StudyOutcome(
-        found.result, found.searches, place.folder / PAGE, found.runs, found.surrogate, found.calibration
+        found.result,
+        found.searches,
+        place.folder / PAGE,
+        found.runs,
+        found.surrogate,
+        found.calibration,
+        found.law_choice,
     )

@@ -6,6 +6,7 @@ from structid.study.stages import (
     campaign_runs,
     certified_calibration,
     deterministic_searches,
+    law_of_errors,
     posterior_draws,
     report_page,
     surrogate_fit,
@@ -16,6 +17,7 @@ STAGES: tuple[StudyStage, ...] = (
     campaign_runs.STAGE,
     surrogate_fit.STAGE,
     certified_calibration.STAGE,
+    law_of_errors.STAGE,
     deterministic_searches.STAGE,
     posterior_draws.STAGE,
 )

@@ -131,14 +131,14 @@ def by_jax(of, phi, monkeypatch):
 def test_every_likelihood(name, monkeypatch):
     of = POSTERIORS[name]
     phi = of.initial(5, np.random.default_rng(1))
-    assert of._in_lanes is not None
+    assert of.in_lanes
     for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-11)
 
 
 def test_a_shift_in_time_is_left_to_jax():
     """A shifted history is made of the whole one: there is nothing to fold."""
-    assert posterior(time_shift=si.Normal(0.0, 0.01))._in_lanes is None
+    assert not posterior(time_shift=si.Normal(0.0, 0.01)).in_lanes
 
 
 # --- surrogates -----------------------------------------------------------------------------------------------------
@@ -166,7 +166,7 @@ POD = {
 @pytest.mark.parametrize("name", POD)
 def test_the_posterior_of_every_sum_of_components(name, runs, monkeypatch):
     of = posterior().on(POD[name].fit(runs), refuse_unfit=False)
-    assert of._in_lanes is not None
+    assert of.in_lanes
     phi = of.initial(20, np.random.default_rng(1))
     for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
         np.testing.assert_allclose(ours, theirs, rtol=1e-11)

@@ -40,7 +40,7 @@ def test_models_and_posteriors_that_have_run_can_be_sent(short_posterior):
     phi = short_posterior.initial(5, np.random.default_rng(1))
     density = short_posterior.evaluate(phi)[0]
     sent = cloudpickle.loads(cloudpickle.dumps(short_posterior))
-    assert sent._in_lanes is not None
+    assert sent.in_lanes
     np.testing.assert_array_equal(sent.evaluate(phi)[0], density)
     record, model = short_posterior.observations[0].record, short_posterior.model
     theta = short_posterior.model_parameters(short_posterior.bijection(phi)[0])

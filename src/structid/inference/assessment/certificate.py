@@ -141,10 +141,31 @@ class Certificate:
         return float(np.abs(self.shift).max())
 
     def __str__(self) -> str:
+        return self.said()
+
+    def said(self, converged: bool = True) -> str:
+        """Give the verdict and the figures behind it.
+
+        Parameters
+        ----------
+        converged : bool
+            Whether the draws that it is about have converged. If not, nothing is called certified.
+
+        Returns
+        -------
+        str
+            Some lines.
+        """
         count, limits = len(self.draws), self.limits
         worst = int(np.argmax(np.abs(self.shift)))
+        agree = self.certified and not converged
+        head = (
+            "NOT CERTIFIED: surrogate and model agree, but the draws have not converged"
+            if agree
+            else self.verdict.upper()
+        )
         lines = [
-            f"{self.verdict.upper()} ({self.true_runs} true runs, {count} of them at fresh draws)",
+            f"{head} ({self.true_runs} true runs, {count} of them at fresh draws)",
             f"  tail index of the weights {_number(self.k_hat)} (below {limits.largest_k_hat(count):.2f}), "
             f"effective {self.effective_sample_size:.0f} of {count} (at least {limits.effective_share * count:.0f}), "
             f"spread of log w {_number(self.spread)} (at most {limits.spread:g})",

@@ -13,6 +13,8 @@ EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
+FAR_BELOW = 0.5
+"""A stuck walker is below what the others visit by this share of the depth that they visit."""
 LAST_STEPS = 20
 """Smallest number of steps searched for walkers that end far below the others."""
 FEWEST_MOVES = 50
@@ -227,7 +229,8 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     -------
     ndarray of bool, shape (ensemble, walker)
         True where the acceptance is below a fifth of the median, if the chains are long enough to tell, or the best log density
-        of the last fifth of the steps, or the last twenty, is below anything the upper three quarters of all walkers visit.
+        of the last fifth of the steps, or the last twenty, is far below anything the upper three quarters of all walkers visit: by
+        half of what lies between the median and the lowest of these visits. The lowest of many sound walkers is hardly below.
     """
     rate = accepted.mean(axis=0)
     # Where few moves are expected, a low count may be chance.
@@ -236,7 +239,8 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     last = log_density[-max(len(log_density) // 5, LAST_STEPS) :]
     best = last.max(axis=0)
     healthy = last[:, best >= np.quantile(best, 0.25)]
-    return np.asarray(slow | (best < healthy.min()))
+    least = healthy.min() - FAR_BELOW * (np.median(healthy) - healthy.min())
+    return np.asarray(slow | (best < least))
 
 
 @dataclass(frozen=True)
@@ -284,6 +288,10 @@ class Verdict:
         What speaks against convergence, one sentence each.
     warnings : tuple of str
         What the reader must know besides convergence.
+    wrong_model : tuple of str
+        What speaks against the model; not judged before the run has converged.
+    wrong_law : tuple of str
+        What speaks against the law of the errors; likewise.
     parameters : dict of str to ParameterDiagnostics
         The figures behind it.
     acceptance : ndarray, shape (ensemble, walker)
@@ -310,10 +318,23 @@ class Verdict:
     unexplained: float
     kept_steps: int
     needed_length: float
+    wrong_model: tuple[str, ...] = ()
+    wrong_law: tuple[str, ...] = ()
+
+    @property
+    def doubt(self) -> str:
+        """What is wrong with model or law, as a heading; empty where nothing speaks against them."""
+        if self.wrong_model:
+            return "The model is wrong for these data"
+        return "The errors are not what their law says" if self.wrong_law else ""
 
     def __str__(self) -> str:
         head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
         lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
+        if not self.converged:
+            lines.append("  Priors, model and law of the errors are judged once the run has converged.")
+        if self.doubt:
+            lines += [self.doubt.upper(), *(f"  - {said}" for said in (*self.wrong_model, *self.wrong_law))]
         return "\n".join(lines)
 
 

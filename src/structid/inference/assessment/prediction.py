@@ -9,6 +9,9 @@ import numpy as np
 
 from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
+from structid.inference.assessment.error_growth import error_growth
+from structid.inference.assessment.parameter_drift import ParameterDrift
+from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
 from structid.streams import Purpose, stream
@@ -35,6 +38,8 @@ class Prediction:
         Name of the record.
     units : mapping of str to ChannelUnit
         Units of the channels.
+    structural : ndarray, shape (draw, time, channel), optional
+        With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
     """
 
     time: np.ndarray
@@ -44,6 +49,7 @@ class Prediction:
     failed: int
     excitation: str
     units: Mapping[str, ChannelUnit] = field(default_factory=dict)
+    structural: np.ndarray | None = field(default=None, repr=False)
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -66,8 +72,8 @@ class Prediction:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Largest absolute response of every draw in SI, shape (draw, channel)."""
-        return np.asarray(np.abs(self.response).max(axis=1))
+        """Largest absolute value of what the structure does in every draw, in SI, shape (draw, channel)."""
+        return np.asarray(np.abs(self.response if self.structural is None else self.structural).max(axis=1))
 
 
 def predict(
@@ -77,6 +83,7 @@ def predict(
     channels: tuple[str, ...] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
+    drift: ParameterDrift | None = None,
 ) -> Prediction:
     """Predict the response of draws of the parameters.
 
@@ -88,14 +95,18 @@ def predict(
         Draws in SI.
     record : Excitation, optional
         The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
-        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument;
-        parameters that drift do so in another way, as far as they did on the measured record.
+        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
+        The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
+        drift in another way, as far as they did on the measured one.
     channels : tuple of str, optional
         What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
         Seed of the discrepancy.
     progress : callable, optional
         Called with the number of finished runs and the total.
+    drift : ParameterDrift, optional
+        How far the parameters of another record may be from those of the measured ones; see `parameter_drift`. Where the law
+        itself lets them drift, its draws say so.
 
     Returns
     -------
@@ -104,7 +115,9 @@ def predict(
     """
     observations = posterior.observations
     record = observations[0].record if record is None else record
-    hidden = stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+    fit, hidden = theta, stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+    if drift is not None and not posterior.law.inside and all(o.record is not record for o in observations):
+        theta = drift.moved(theta, hidden)
     model, parameters, index = posterior.likelihood.on_record(theta, record, hidden)
     observation = observations[index or 0]
     channels = observation.channels if channels is None else tuple(channels)
@@ -119,21 +132,29 @@ def predict(
     if index is not None and len(response):
         shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
         response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
+    growth = error_growth(posterior, fit.mean(axis=0), index or 0)
+    scale = growth.scale(response[:, :, measured], record.dt)
+
+    def erring(law: Discrepancy | None, purpose: Purpose) -> np.ndarray:
+        found = response.copy()
+        if law is not None:
+            shape = (len(response), response.shape[1], measured.stop)
+            rng = stream(seed, purpose, index or 0)
+            found[:, :, measured] += scale * law.draw(rng, shape, unknown, observation.channels, record.dt)
+        return np.asarray(found[:, :, [every.index(c) for c in channels]])
+
+    law = posterior.discrepancy
     purpose = Purpose.PREDICTION_ON_ANOTHER_RECORD if index is None else Purpose.PREDICTION_ON_THE_RECORD
-    rng = stream(seed, purpose, index or 0)
-    observable = response.copy()
-    noise_shape = (len(response), response.shape[1], measured.stop)
-    observable[:, :, measured] += posterior.discrepancy.draw(rng, noise_shape, unknown, observation.channels, record.dt)
-    wanted = [every.index(c) for c in channels]
     units = run.units | {c: observation.channel_unit(c) for c in observation.channels if c in observation.units}
     return Prediction(
         run.time,
         channels,
-        response[:, :, wanted],
-        observable[:, :, wanted],
+        erring(None, purpose),
+        erring(law, purpose),
         int((~good).sum()),
         record.name,
         {c: units[c] for c in channels},
+        erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
     )
 
 

@@ -7,6 +7,9 @@ import numpy as np
 from structid.inference.assessment.diagnostics import BOUND_MASS, BOUND_WIDTH, TAIL_PROBABILITY
 from structid.probability.space import ParameterSpace
 
+AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
+"""A bound cuts a marginal that has at least this mass within so many posterior standard deviations of it."""
+
 
 def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]:
     """Say where prior and data disagree.
@@ -28,9 +31,14 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]
         draws, on_bound = draws_of_all[:, i], False
         strip = BOUND_WIDTH * float(np.diff(marginal.quantile(np.array([0.05, 0.95])))[0])
         for side, bound in zip(("lower", "upper"), marginal.support, strict=True):
-            mass = np.mean(np.abs(draws - bound) < strip) if np.isfinite(bound) else 0.0
+            distance = np.abs(draws - bound)
+            # A posterior that is narrow and close to the bound falls off towards it; one that the bound cuts does not.
+            cut = (
+                np.mean(distance < strip) > BOUND_MASS
+                and np.mean(distance < AT_BOUND_SDS * draws.std()) > AT_BOUND_MASS
+            )
             # A small error variance is a good fit, not a bound that binds.
-            if mass > BOUND_MASS and not (side == "lower" and name.startswith("sigma2")):
+            if cut and not (side == "lower" and name.startswith("sigma2")):
                 on_bound = True
                 # Zero is mostly what physics allows, and a good answer.
                 at_zero = side == "lower" and bound == 0.0

@@ -30,6 +30,11 @@ class RobustSpread:
     sd: np.ndarray = field(repr=False)
     error: np.ndarray = field(repr=False)
 
+    @property
+    def same(self) -> bool:
+        """Whether they are the posterior's own, because its residuals are white."""
+        return not self.error.any()
+
     def at_least(self, sd: np.ndarray) -> RobustSpread:
         """Leave no standard deviation below the posterior's own: it is part of what is not known.
 

@@ -61,7 +61,7 @@ class Summary:
     def __str__(self) -> str:
         heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
         width = max(len(h) for h in heads)
-        lines = ["".ljust(width) + "".join(c.rjust(12) for c in self.columns)]
+        lines = ["".ljust(width) + "".join(c.rjust(13) for c in self.columns)]
         for i, head in enumerate(heads):
-            lines.append(head.ljust(width) + "".join(f"{values[i]:12.5g}" for values in self.columns.values()))
+            lines.append(head.ljust(width) + "".join(f"{values[i]:13.5g}" for values in self.columns.values()))
         return "\n".join(lines)

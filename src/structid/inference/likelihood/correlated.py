@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import jax
@@ -67,6 +67,11 @@ class Correlated(Discrepancy):
             least = 0.0 if name == "white" else np.nextafter(0.0, 1.0)
             if isinstance(value, (int, float)) and not (np.isfinite(value) and value >= least):
                 raise InputError(f"{type(self).__name__}({name})", f"{value}", "a positive number, a prior, or None")
+
+    @property
+    def of_the_model(self) -> Discrepancy:
+        """The correlated part alone."""
+        return replace(self, white=0.0)
 
     # --- what a kernel says -------------------------------------------------------------------------------------
 

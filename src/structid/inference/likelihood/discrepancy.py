@@ -109,6 +109,11 @@ class Discrepancy(ErrorLaw):
         """Itself."""
         return self
 
+    @property
+    def of_the_model(self) -> Discrepancy | None:
+        """Law of that part of ε which may be the model's own error: what is correlated in time. None where nothing is."""
+        return None
+
     independent: ClassVar[bool] = False
     """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
 

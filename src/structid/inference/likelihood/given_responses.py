@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax
 import numpy as np
 
 from structid.inference.likelihood.joint import JointLikelihood
@@ -25,6 +26,9 @@ class GivenResponses:
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
         self._responses = [np.where(self._finite[:, None, None], r, 0.0).transpose(1, 2, 0) for r in responses]
         self._squares = [self._sum_of_squares(i) for i in range(len(responses))]
+        self._given = [
+            jax.jit(bound.given) for bound in likelihood.of
+        ]  # compiled once for all the calls with these responses
 
     def _sum_of_squares(self, index: int) -> np.ndarray | None:
         """Σ (y − M)² (channel, run), where the likelihood needs no more."""
@@ -51,10 +55,12 @@ class GivenResponses:
         """
         theta = self._likelihood.points(theta)
         total = self._likelihood.space.log_density(theta)
-        for bound, response, squares in zip(self._likelihood.of, self._responses, self._squares, strict=True):
+        for bound, given, response, squares in zip(
+            self._likelihood.of, self._given, self._responses, self._squares, strict=True
+        ):
             if squares is not None:
                 found = bound.of_squares(squares, theta)
             else:
-                found = bound.given(response, theta, bound.observation.values[:, :, None])
+                found = given(response, theta, bound.observation.values[:, :, None])
             total = total + np.asarray(found)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)

@@ -26,7 +26,7 @@ from structid.inference.target import Target
 from structid.journal import digest
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.space import ParameterSpace
 
 
 class Posterior(Target):
@@ -146,22 +146,27 @@ class Posterior(Target):
         """
         return self._like(map=map)
 
-    def on(self, model: Model, refuse_unfit: bool = True) -> Posterior:
-        """Return the posterior of the same parameters and measurements under another model, such as a surrogate.
+    def on(self, model: Model | None = None, refuse_unfit: bool = True, law: ErrorLaw | None = None) -> Posterior:
+        """Return the posterior of the same parameters and measurements under another model, such as a surrogate, or another law.
 
         Parameters
         ----------
-        model : Model
-            The model.
+        model : Model, optional
+            The model; this one's when left out.
         refuse_unfit : bool
             Refuse a surrogate whose error exceeds its limit.
+        law : ErrorLaw, optional
+            The law of the errors; this one's when left out.
 
         Returns
         -------
         Posterior
-            With that model instead of this one's.
+            With these instead of this one's.
         """
-        return self._like(model=model, refuse_unfit=refuse_unfit)
+        changed: dict[str, Any] = {} if law is None else {"discrepancy": law}
+        if model is not None:
+            changed |= {"model": model, "refuse_unfit": refuse_unfit}
+        return self._like(**changed)
 
     @property
     def units(self) -> dict[str, str]:
@@ -271,7 +276,7 @@ class Posterior(Target):
 
     @cached_property
     def _compiled(self) -> Callable[..., Any]:
-        # On JAX's path, the one program with the model in it: φ is mapped to θ on the host, so that no model is compiled twice.
+        # On JAX's path, the one program with the model in it: φ is mapped on the host, so that no model is compiled twice.
         return InLanes(self._parts, shard=self.likelihood.loops_over_time)
 
     def _evaluate(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -345,7 +350,7 @@ class Posterior(Target):
         tuple of ndarray, shape (run,)
             Log prior with respect to φ, log-likelihood, and where a simulation failed.
         """
-        compiled = self._in_lanes
+        compiled = self._compiled_in_lanes
         if compiled is not None:
             prior, likelihood, failed = compiled(phi)
             return prior, likelihood, failed
@@ -353,8 +358,13 @@ class Posterior(Target):
         prior, likelihood, failed = self._evaluate(theta)
         return prior + jacobian, likelihood, failed
 
+    @property
+    def in_lanes(self) -> bool:
+        """Whether its density is compiled in lanes, so that many runs take a small part of the time they take on JAX."""
+        return self._compiled_in_lanes is not None
+
     @cached_property
-    def _in_lanes(self) -> Callable[[np.ndarray], Any] | None:
+    def _compiled_in_lanes(self) -> Callable[[np.ndarray], Any] | None:
         """The density in unconstrained coordinates, bijection included, where it can be compiled in lanes."""
         if not self.model.traceable:
             return None
@@ -362,7 +372,7 @@ class Posterior(Target):
 
     def __getstate__(self) -> dict[str, Any]:
         # Code for this process's memory stays here.
-        return {name: value for name, value in self.__dict__.items() if name != "_in_lanes"}
+        return {name: value for name, value in self.__dict__.items() if name != "_compiled_in_lanes"}
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
@@ -431,18 +441,3 @@ class Posterior(Target):
     def misfit(self) -> Any:
         """The sum of squared residuals J(θ) [3.22] of the model's parameters; see `Misfit`."""
         return Misfit(self.model_space, self.likelihood)
-
-    def design(self, theta: np.ndarray) -> Design:
-        """Give rows of parameters their names.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            Parameters in SI.
-
-        Returns
-        -------
-        Design
-            The same, with the posterior's space.
-        """
-        return Design(self.likelihood.points(theta), self.space)

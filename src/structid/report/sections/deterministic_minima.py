@@ -11,7 +11,7 @@ from structid.figures import loops as figures
 from structid.figures.style import pretty, pretty_unit
 from structid.optimize.minima import OptimizeResult
 from structid.report.material import PosteriorMaterial, simulated_loops
-from structid.report.section import Drawing, Picture, Rows, Section, Table
+from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Table
 from structid.units import factor, label
 
 
@@ -85,4 +85,4 @@ def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
     return Picture("identified", "Deterministic calibration: loops and histories.")
 
 
-SECTION = Section("deterministic", "Deterministic calibration beside it", _drawings, _tables)
+SECTION = Section("deterministic", "Deterministic calibration beside it", _drawings, _tables, under_doubt=NEAREST)

@@ -9,7 +9,7 @@ from structid.figures import posterior as figures
 from structid.figures.style import pretty
 from structid.inference.assessment.identifiability import Identifiability
 from structid.report.material import PosteriorMaterial
-from structid.report.section import Drawing, Picture, Section, Table
+from structid.report.section import NEAREST, Drawing, Picture, Section, Table
 from structid.streams import Purpose, derived_seed
 
 
@@ -75,4 +75,4 @@ def _words(material: PosteriorMaterial) -> list[str]:
     return [f"The data say less than the prior about: {'; '.join(information.unseen)}."]
 
 
-SECTION = Section("posterior", "Posterior", _drawings, _tables, _words)
+SECTION = Section("posterior", "Posterior", _drawings, _tables, _words, NEAREST)

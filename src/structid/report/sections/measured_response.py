@@ -99,4 +99,11 @@ def _energy(predicted: _Predicted, folder: Path) -> Picture:
     return Picture(name, "Energy absorbed by the spring.")
 
 
-SECTION = Section("response", "Response", _drawings, nothing)
+SECTION = Section(
+    "response",
+    "Response",
+    _drawings,
+    nothing,
+    under_doubt="The inner band is what the parameters leave open, given this model. The outer one, with the law of the errors, is "
+    "meant to hold the measurement.",
+)

@@ -41,7 +41,8 @@ class _OtherRecord:
     def band(self) -> PredictedBand:
         """The response of draws, and of the MAP estimate."""
         material = self._material
-        draws = predict(self._posterior, material.draws, self._record, seed=material.result.seed)
+        result = material.result
+        draws = predict(self._posterior, material.draws, self._record, seed=result.seed, drift=result.drift)
         return PredictedBand(draws, predict(self._posterior, material.best[None], self._record).response[0])
 
 
@@ -61,6 +62,15 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         for channel, unit, low, median, high in _peaks(other)
     ]
     return [Table("Peak response", (["record", "largest", "5 %", "median", "95 %"], rows))] if rows else []
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    if not material.other_records:
+        return []
+    return [
+        "The peak is that of the structure: of the response with the model's own error, without the instrument's noise. The inner "
+        "band is of the response alone, the outer one of what an instrument would show."
+    ]
 
 
 def _peaks(other: _OtherRecord) -> Iterator[tuple[str, str, float, float, float]]:
@@ -88,4 +98,12 @@ def _band(other: _OtherRecord, number_of_it: int, column: int, folder: Path) -> 
     return Picture(name, f"Predicted {channel} for {other.name}.")
 
 
-SECTION = Section("other-records", "Other records", _drawings, _tables)
+SECTION = Section(
+    "other-records",
+    "Other records",
+    _drawings,
+    _tables,
+    _words,
+    "The bands allow for the drift of the parameters and for errors that grow with the motion as they did on the measured record. "
+    "What the structure does beyond that, as in a much stronger earthquake, they need not hold.",
+)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from structid.calibration.sequential import Plan
+from structid.calibration.plan import Plan
 from structid.errors import InputError, suggestion
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
@@ -15,6 +15,7 @@ from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.space import Design, ParameterSpace
 from structid.study.building.named_kind import kind_named
+from structid.study.schema.kinds import AUTO
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates import registry
 from structid.surrogates.kind import SurrogateKind
@@ -85,7 +86,7 @@ class BuiltStudy:
             parts["campaign records"] = [r.content_hash for r in self.campaign_records]
         if self.posterior is not None:
             parts["observation"] = digest([o.describe() for o in self.posterior.observations])
-            parts["discrepancy"] = digest(self.posterior.law.describe())
+            parts["discrepancy"] = AUTO if self.law_is_open else digest(self.posterior.law.describe())
             parts["sampler"] = digest(self.sampler.describe())
         if self.has_surrogate:
             said = self.file.surrogate.model_dump(exclude_unset=True, exclude={"trust", "limit"})
@@ -110,6 +111,11 @@ class BuiltStudy:
         model = self.model.working_in(folder)
         posterior = None if self.posterior is None else self.posterior.on(model)
         return self if model is self.model else replace(self, model=model, posterior=posterior)
+
+    @property
+    def law_is_open(self) -> bool:
+        """Whether the data are to choose the law of the errors."""
+        return self.file.discrepancy.kind == AUTO
 
     @property
     def surrogate_kind(self) -> SurrogateKind | None:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from structid.calibration.sequential import Plan
+from structid.calibration.plan import Plan
 from structid.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
 from structid.optimize.region import region

@@ -14,6 +14,7 @@ from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.inference.likelihood import law_list
 from structid.inference.likelihood.discrepancy import ErrorLaw
+from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.law_kind import SQUARED
 from structid.inference.likelihood.observation import Observation
 from structid.models.face import Model
@@ -21,6 +22,7 @@ from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
+from structid.study.schema.kinds import AUTO
 from structid.study.schema.static_tables import ObservationSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
 from structid.units import si_unit, to_si
@@ -124,7 +126,7 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> ErrorLaw:
     Returns
     -------
     ErrorLaw
-        The law.
+        The law; independent errors where the data are to choose it, until they have.
 
     Raises
     ------
@@ -132,6 +134,9 @@ def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> ErrorLaw:
         If the law does not know a key, or does not take a value.
     """
     section = file.discrepancy
+    if section.kind == AUTO:
+        check_keys("discrepancy", AUTO, section.model_fields_set - {"kind"}, ())
+        return IID()
     kind = kind_named(section.kind, law_list.LAWS)
     given = section.model_fields_set - {"kind"}
     check_keys("discrepancy", kind.word, given, kind.keys)

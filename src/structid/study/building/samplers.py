@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from structid.calibration.sequential import Plan
+from structid.calibration.plan import Plan
 from structid.errors import InputError, within
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler import Sampler

@@ -29,10 +29,14 @@ class SurrogateSection(Section):
     model_error: bool = False
 
 
+AUTO = "auto"
+"""Kind of a discrepancy that the data choose."""
+
+
 class DiscrepancySection(Section):
     """The law of the difference between model and measurement."""
 
-    kind: str = "iid"
+    kind: str = AUTO
 
 
 class SamplerSection(Section):
@@ -122,11 +126,11 @@ def discrepancy_section(kinds: Iterable[LawKind]) -> Any:
         For a field's annotation.
     """
     laws = list(kinds)
-    tag: Any = Literal[tuple(law.word for law in laws)]
+    tag: Any = Literal[tuple([AUTO, *(law.word for law in laws)])]
     number_or_prior: Any = float | str | PriorSection | None
     keys: dict[str, Any] = {name: (number_or_prior, None) for law in laws for name in law.quantities}
     keys |= {name: key for law in laws for name, key in law.switches.items()}
-    return create_model("discrepancy_section", __base__=DiscrepancySection, kind=(tag, "iid"), **keys)
+    return create_model("discrepancy_section", __base__=DiscrepancySection, kind=(tag, AUTO), **keys)
 
 
 def sampler_section(kinds: Iterable[SamplerKind]) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from structid.calibration.sequential import calibrate
+from structid.calibration.sequential import AUTO, calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.stages.stage import Findings, StudyStage, Workplace
@@ -19,7 +19,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
             posterior.model_space,
             posterior.observations,
             surrogate_settings(study.file.surrogate),
-            posterior.law,
+            AUTO if study.law_is_open else posterior.law,
             plan=study.plan,
             sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
             seed=study.file.seed,
@@ -28,13 +28,17 @@ def _run(found: Findings, place: Workplace) -> Findings:
             progress=told,
         )
     if not calibration.exact:
-        study = replace(study, posterior=posterior.on(calibration.surrogate))
+        study = replace(study, posterior=calibration.posterior.on(calibration.surrogate))
+    else:
+        study = replace(study, posterior=calibration.posterior)
     return replace(
         found,
         study=study,
         runs=calibration.runs,
         surrogate=calibration.surrogate,
         calibration=calibration,
+        law_choice=calibration.law_choice,
+        true_posterior=None if found.true_posterior is None else found.true_posterior.on(law=calibration.posterior.law),
         result=calibration.sampling,
     )
 

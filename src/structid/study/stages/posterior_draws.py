@@ -5,16 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structid.inference.sample import sample
-from structid.study.folder import CHAINS
+from structid.inference.sampling_result import SamplingResult
+from structid.study.folder import CHAINS, CHAINS_WITHOUT_HIDDEN
+from structid.study.stages.law_of_errors import with_law
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 
 def _run(found: Findings, place: Workplace) -> Findings:
-    study = found.study
-    with place.stage("sampling") as progress, place.timings.measured("sampling"):
-        result = sample(study.sampled, study.sampler, study.file.seed, place.folder / CHAINS, progress=progress)
+    result, choice = _drawn(found, place, CHAINS), found.law_choice
+    if choice is not None and choice.posterior.law.inside and not result.verdict().converged:
+        found = with_law(found, replace(choice, added_only=True))
+        result = _drawn(found, place, CHAINS_WITHOUT_HIDDEN)
     place.timings.put("sampling", result.seconds)
     return replace(found, result=result)
+
+
+def _drawn(found: Findings, place: Workplace, store: str) -> SamplingResult:
+    study = found.study
+    with place.stage("sampling") as progress, place.timings.measured("sampling"):
+        return sample(study.sampled, study.sampler, study.file.seed, place.folder / store, progress=progress)
 
 
 STAGE = StudyStage(lambda found: found.study.posterior is not None and found.result is None, _run)

@@ -51,6 +51,8 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
         other_records=study.other_records,
         prediction_draws=study.file.prediction.draws,
         calibration=found.calibration,
+        left_to_the_data=study.law_is_open,
+        law_choice=found.law_choice,
     )
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
         drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)

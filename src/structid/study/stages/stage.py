@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.calibration.calibration_result import CalibrationResult
+from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
@@ -75,6 +76,8 @@ class Findings:
         Certificate and rounds.
     searches : dict of str to OptimizeResult
         Deterministic calibrations by method.
+    law_choice : LawChoice or None
+        Which law of the errors the data have chosen, where it was left to them.
     result : SamplingResult or None
         Draws and verdict.
     """
@@ -85,6 +88,7 @@ class Findings:
     surrogate: Surrogate | None = None
     calibration: CalibrationResult | None = None
     searches: dict[str, OptimizeResult] = field(default_factory=dict)
+    law_choice: LawChoice | None = None
     result: SamplingResult | None = None
 
 

@@ -11,6 +11,7 @@ from structid.array_module import namespace
 from structid.device import jnp
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
+from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit
@@ -83,6 +84,33 @@ class ResponseSpaceSurrogate(Surrogate):
         values = numpy.asarray((fit.modes * factors).T) @ scores.T + (fit.mean * factors)[:, None]
         finite = numpy.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            One of the fitted records.
+
+        Returns
+        -------
+        TimeLoop
+            The state are the scores, which stay; a sample is their sum with its row of the modes.
+        """
+        fit = self.records[excitation.identity]
+        scores = fit.scores.predict(self.held_inside(theta)).T
+        modes = fit.modes.reshape(-1, fit.samples, len(fit.scale)) * fit.scale
+        mean = fit.mean.reshape(fit.samples, len(fit.scale)) * fit.scale
+
+        def step(scores: Any, row: tuple[Any, Any]) -> tuple[Any, Any]:
+            of_modes, of_mean = row
+            return scores, of_modes.T @ scores + of_mean[:, None]
+
+        rows = jnp.asarray(modes.transpose(1, 0, 2)), jnp.asarray(mean)
+        return TimeLoop(scores, step, rows, 0, lambda scores: jnp.isfinite(scores).all(axis=0))
 
     @property
     def _compiled_response(self) -> Callable[..., Any]:

@@ -1,0 +1,87 @@
+"""How the true runs of a calibration are spent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.inference.assessment.certificate import Limits
+from structid.inference.sampling.tempered import SMC
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How true runs are spent.
+
+    Parameters
+    ----------
+    true_runs : int
+        Largest number of parameter points at which the true model is run, including those of the certificate. Each is run on
+        every record.
+    start : int
+        Points of the first design.
+    batch : int
+        Points added in each round.
+    certificate : int
+        Fresh draws for a certificate; a fifth as many tempered ones are added.
+    widen : float
+        How much further than the prior the first design reaches, in normal scores.
+    limits : Limits
+        What the certificate must meet.
+    explorer : SMC
+        Explores the surrogate's posterior in each round.
+    """
+
+    true_runs: int = 500
+    start: int = 60
+    batch: int = 40
+    certificate: int = 200
+    widen: float = 2.0
+    limits: Limits = field(default_factory=Limits)
+    explorer: SMC = field(default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5))
+
+    def __post_init__(self) -> None:
+        for name, least in (("start", 10), ("batch", 5), ("certificate", 50)):
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"calibrate({name})", f"{value!r}", f"a whole number, {least} or more")
+        if self.true_runs < self.start + self.needed:
+            raise InputError(
+                "calibrate(true_runs)",
+                f"{self.true_runs}",
+                f"{self.start + self.needed} or more: {self.start} of the first design and {self.needed} of a certificate",
+            )
+        drawn = self.explorer.particles * self.explorer.ensembles
+        if drawn < 2 * self.certificate:
+            raise InputError("calibrate(explorer)", f"{drawn} particles", f"{2 * self.certificate} or more")
+
+    @property
+    def tempered(self) -> int:
+        """Tempered draws of a certificate."""
+        return self.certificate // 5
+
+    @property
+    def needed(self) -> int:
+        """Points of a certificate."""
+        return self.certificate + self.tempered
+
+    @property
+    def rounds(self) -> int:
+        """Largest number of rounds between the first design and the last certificate."""
+        return (self.true_runs - self.start - self.needed) // self.batch
+
+    def describe(self) -> dict[str, Any]:
+        """Settings that decide the points: all except how many there may be.
+
+        Returns
+        -------
+        dict
+            For hashes; a calibration with more true runs continues the same one.
+        """
+        return {
+            "start": self.start, "batch": self.batch, "certificate": self.certificate, "widen": self.widen,
+            "explorer": {**self.explorer.describe(), "steps": self.explorer.steps},
+        }  # fmt: skip

@@ -1,0 +1,102 @@
+"""How the errors of a fit grow with the motion, so that they can be carried over to another record."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from structid.inference.likelihood.posterior import Posterior
+
+PERIODS = 2.0
+"""Periods of the motion over which its power is averaged."""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorGrowth:
+    """σ²(t) = σ² (1 − s + s p(t)/p̄): the part s of the errors' variance goes with the power p(t) of the motion.
+
+    Parameters
+    ----------
+    share : ndarray, shape (channel,)
+        s, from 0 (an instrument's noise) to 1 (a wrong model's error).
+    power : ndarray, shape (channel,)
+        p̄, the mean power of the response to the measured record, in the square of the channel's SI unit.
+    """
+
+    share: np.ndarray
+    power: np.ndarray = field(repr=False)
+
+    def scale(self, response: np.ndarray, dt: float) -> np.ndarray:
+        """Give σ(t)/σ for another record.
+
+        Parameters
+        ----------
+        response : ndarray, shape (run, time, channel)
+            The response to it in SI.
+        dt : float
+            Its time step [s].
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            By which errors of the measured record's size are multiplied.
+        """
+        if not (len(response) and self.share.any()):
+            return np.ones(response.shape)
+        power = np.stack([running_power(each, dt) for each in response])
+        return np.asarray(np.sqrt(1.0 - self.share + self.share * power / self.power))
+
+
+def running_power(response: np.ndarray, dt: float) -> np.ndarray:
+    """Mean square of a response over two of its dominant periods.
+
+    Parameters
+    ----------
+    response : ndarray, shape (time, channel)
+        In SI.
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    ndarray, shape (time, channel)
+        In the square of the channel's SI unit.
+    """
+    spectrum = (np.abs(np.fft.rfft(response - response.mean(axis=0), axis=0)) ** 2).sum(axis=1)
+    frequency = max(int(np.argmax(spectrum)), 1) / (len(response) * dt)
+    width = int(np.clip(round(PERIODS / (frequency * dt)), 1, len(response)))
+    return np.asarray(scipy.ndimage.uniform_filter1d(response**2, width, axis=0, mode="nearest"))
+
+
+def error_growth(posterior: Posterior, theta: np.ndarray, index: int = 0) -> ErrorGrowth:
+    """Find the part of the errors that goes with the motion: non-negative least squares of the residual's running power.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (parameter,)
+        The fit in SI.
+    index : int
+        Which observation.
+
+    Returns
+    -------
+    ErrorGrowth
+        Constant errors where the run fails.
+    """
+    observation, response = posterior.observations[index], posterior.predict(theta[None], index)[0]
+    residual, dt = observation.values - response, observation.record.dt
+    channels = len(observation.channels)
+    power = np.mean(response**2, axis=0)
+    if not (np.isfinite(power).all() and power.all()):
+        return ErrorGrowth(np.zeros(channels), np.ones(channels))
+    motion, error = running_power(response, dt) / power, running_power(residual, dt)
+    share = np.zeros(channels)
+    for channel in range(channels):
+        design = np.stack([np.ones(len(motion)), motion[:, channel]], axis=1)
+        (constant, growing), _ = scipy.optimize.nnls(design, error[:, channel] / error[:, channel].mean())
+        share[channel] = growing / (constant + growing)
+    return ErrorGrowth(share, power)

@@ -1,0 +1,64 @@
+"""Studies that leave the law of the errors to the data: on the model, on a surrogate, in a certified calibration."""
+
+import numpy as np
+import pytest
+from helpers.studies import PACKAGED, SMALL, shortened
+
+from structid.study.run import load, report_again, run_study
+
+OPEN = SMALL.replace('kind = "iid"', 'kind = "auto"')
+HEAD, TAIL = OPEN[: OPEN.index("[sampler]")], OPEN[OPEN.index("[deterministic]") :]
+
+
+def written(folder, text):
+    (folder / "study.toml").write_text(text)
+    return folder / "study.toml"
+
+
+@pytest.mark.slow
+def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
+    study = written(tmp_path, HEAD + TAIL)
+    outcome = run_study(study, tmp_path / "out")
+    choice, result = outcome.law_choice, outcome.result
+    assert choice.laws == (
+        "iid", "ar1", "damped cosine", "drifting parameters + iid", "drifting parameters + damped cosine",
+    )  # fmt: skip
+    best = max(range(5), key=lambda place: choice.evidences[place].value)
+    assert "drifting" in choice.laws[best]
+    # Tens of hidden values need another sampler than the four parameters of the file. If they are not sampled well, they are left.
+    assert result.target.law.inside is not choice.added_only
+    assert result.verdict().wrong_model or not result.verdict().converged, str(result.verdict())
+    page = outcome.report.read_text()
+    assert choice.sentence in page
+    for law in choice.laws:
+        assert law in page
+    said = "The model is wrong for these data" if result.verdict().converged else "The sampler has not converged"
+    assert page.count(said) >= 4  # at the top, and beside what it concerns
+    again = report_again(tmp_path / "out")
+    np.testing.assert_array_equal(again.result.history, result.history)
+    assert again.law_choice.sentence == choice.sentence
+
+
+def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
+    text = shortened(PACKAGED).replace('kind = "iid"', 'kind = "auto"').replace("true_runs = 500", "true_runs = 700")
+    text = text.replace(
+        'kind = "smc"', 'kind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n#'
+    )
+    outcome = run_study(written(tmp_path, text), tmp_path / "out")
+    choice, calibration = outcome.law_choice, outcome.calibration
+    assert choice is calibration.law_choice and choice.laws == ("iid", "ar1", "damped cosine")
+    law = choice.posterior.law.describe()["kind"]
+    assert (
+        law != "iid"
+        and calibration.posterior.law.describe()["kind"] == law == outcome.result.target.law.describe()["kind"]
+    )
+    assert calibration.certificate.names == calibration.posterior.names
+    again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
+    np.testing.assert_array_equal(again.result.history, outcome.result.history)
+    assert again.law_choice.evidences[0].value == choice.evidences[0].value
+
+
+def test_a_law_left_open_is_another_study_than_any_law(tmp_path):
+    identities = {load(written(tmp_path, text)).identity["discrepancy"] for text in (OPEN, SMALL)}
+    assert len(identities) == 2
+    assert "auto" in identities
