@@ -95,7 +95,7 @@ def error_growth(posterior: Posterior, theta: np.ndarray, index: int = 0) -> Err
         return ErrorGrowth(np.zeros(channels), np.ones(channels))
     motion, error = running_power(response, dt) / power, running_power(residual, dt)
     share = np.zeros(channels)
-    for channel in range(channels):
+    for channel in np.flatnonzero(error.any(axis=0)):
         design = np.stack([np.ones(len(motion)), motion[:, channel]], axis=1)
         (constant, growing), _ = scipy.optimize.nnls(design, error[:, channel] / error[:, channel].mean())
         share[channel] = growing / (constant + growing)
