@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import math
+import re
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -31,6 +32,9 @@ def _set_up() -> None:
 _set_up()
 
 BatchFunction = Callable[..., Any]
+
+FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_product|qr|eigh|eig|svd|schur)\b")
+"""Operations of a jaxpr, as it is printed, that call LAPACK."""
 
 
 @functools.cache
@@ -98,7 +102,8 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
         Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
     shard : bool
         Whether to share it out. A loop over time keeps one core busy. Products of matrices use all cores by themselves, and two
-        devices would be in each other's way.
+        devices would be in each other's way. A function that factorises matrices is never shared out: LAPACK, called by two
+        devices at once, waits for ever for threads that the other holds.
 
     Returns
     -------
@@ -107,7 +112,7 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
     """
 
     def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
-        if not shard:
+        if not shard or factorises(theta, constants):
             return function(theta, *constants)
         specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
         return jax.shard_map(
@@ -117,6 +122,9 @@ def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) ->
             out_specs=specs,
             check_vma=False,  # the loops of other libraries begin from constants, which it would refuse
         )(theta, constants)
+
+    def factorises(theta: Any, constants: tuple[Any, ...]) -> bool:
+        return bool(FACTORISATION.search(str(jax.make_jaxpr(function)(theta[:1], *constants))))
 
     compiled = jax.jit(sharded)
 

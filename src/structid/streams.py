@@ -37,6 +37,8 @@ class Purpose(IntEnum):
     REPLICA_NOISE = 42
     RANK_JITTER = 43
 
+    BESIDE = 34
+
     ENSEMBLE_START = 51
     ENSEMBLE_MOVES = 52
     ENSEMBLE_SETTLING = 53

@@ -1,5 +1,8 @@
 """Bare log densities."""
 
+import subprocess
+import sys
+
 import jax
 import numpy as np
 
@@ -44,3 +47,22 @@ def test_a_density_in_the_coordinates_of_another():
         own.bijection != other.bijection
         and own.bijection == LogDensity(density, "ab", prior, {"b": (0.0, np.inf)}).bijection
     )
+
+
+FACTORISED = """
+import jax.numpy as jnp, numpy as np, structid as si
+points = jnp.linspace(0.0, 3.0, 12)
+def density(x):
+    covariance = jnp.exp(-((points[:, None] - points) / x[0]) ** 2) + x[1] * jnp.eye(12)
+    factor = jnp.linalg.cholesky(covariance)
+    return -jnp.log(jnp.diag(factor)).sum() - 0.5 * (jnp.linalg.solve(factor, jnp.sin(points)) ** 2).sum()
+space = si.ParameterSpace(length=si.Uniform(0.1, 2.0), noise=si.Uniform(0.01, 1.0))
+target = si.LogDensity(density, space.names, space, {n: m.support for n, m in space.marginals.items()}, backend="jax")
+print(np.isfinite(target.evaluate_parts(target.initial(4000, np.random.default_rng(0)))[1]).all())
+"""
+
+
+def test_a_density_that_factorises_matrices_does_not_wait_for_ever():
+    """LAPACK, called by two devices of one machine at once, waits for threads that the other holds."""
+    done = subprocess.run([sys.executable, "-c", FACTORISED], capture_output=True, text=True, timeout=120)
+    assert done.stdout.strip() == "True", done.stderr

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from helpers.studies import PACKAGED, SMALL, shortened
 
 from structid.study.run import load, report_again, run_study
+from studies import PACKAGED, SMALL, shortened
 
 OPEN = SMALL.replace('kind = "iid"', 'kind = "auto"')
 HEAD, TAIL = OPEN[: OPEN.index("[sampler]")], OPEN[OPEN.index("[deterministic]") :]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,11 +13,16 @@ from structid.errors import InputError
 from structid.inference.sampling.chain_store import ChainStore
 from structid.inference.sampling.ensemble import AIES
 from structid.inference.sampling.sampler import Block, Sampler
+from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 from structid.journal import digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Progress
+from structid.streams import Purpose, derived_seed
+
+POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, correlation=0.3)
+"""What the draws of a few chains are compared with."""
 
 
 def sample(
@@ -76,6 +82,10 @@ def sample(
     drawn = sampler.run(target, seed, start, blocks, keep, progress)
     if chains is not None:
         chains.finish()
+    beside = None
+    if sampler.compared and target.knows_prior and not target.costs_runs:
+        kept = None if store is None else Path(store).with_suffix(".beside.h5")
+        beside = sample(target, POPULATION, derived_seed(seed, Purpose.BESIDE), kept).kept
     theta, jacobian = target.bijection(drawn.phi.reshape(-1, drawn.phi.shape[-1]))
     return SamplingResult(
         target=target,
@@ -90,6 +100,7 @@ def sample(
         log_evidence=drawn.log_evidence,
         cost=drawn.cost,
         divergent=drawn.divergent,
+        beside=beside,
     )
 
 

@@ -18,6 +18,7 @@ from structid.inference.assessment.arviz_groups import groups_of_draws, groups_o
 from structid.inference.assessment.diagnostics import (
     Verdict,
     convergence_failures,
+    disagreements,
     parameter_diagnostics,
     stuck_walkers,
 )
@@ -73,6 +74,8 @@ class SamplingResult:
         Trajectories that did not conserve energy, for NUTS.
     certified : bool or None
         Whether runs of the model itself have shown that its surrogate gives the model's own posterior. None if not checked.
+    beside : ndarray, shape (step, ensemble, walker, parameter), optional
+        Draws of an independent population in SI, with which those of a few chains are compared.
     """
 
     target: Target
@@ -88,6 +91,7 @@ class SamplingResult:
     cost: Cost | None = None
     divergent: int = 0
     certified: bool | None = None
+    beside: np.ndarray | None = field(default=None, repr=False)
 
     # --- draws --------------------------------------------------------------------------------------------------
 
@@ -252,9 +256,13 @@ class SamplingResult:
     def _convergence(self) -> tuple[int, list[str]]:
         """Number of stuck walkers, and what convergence lacks."""
         kept = slice(self.discarded, None)
-        stuck = int(stuck_walkers(self.accepted[kept], self.coordinate_log_density[kept]).sum())
-        length, sampler = len(self.kept), self.sampler
-        return stuck, convergence_failures(self._diagnostics, length, sampler.ensembles, stuck, sampler.needed_length)
+        length, sampler, stuck = len(self.kept), self.sampler, 0
+        if sampler.starts_elsewhere:
+            stuck = int(stuck_walkers(self.accepted[kept], self.coordinate_log_density[kept]).sum())
+        failures = convergence_failures(self._diagnostics, length, sampler.ensembles, stuck, sampler.needed_length)
+        if self.beside is not None:
+            failures += disagreements(self.names, self.kept, self.beside)
+        return stuck, failures
 
     @cached_property
     def _verdict(self) -> Verdict:

@@ -118,3 +118,32 @@ def test_short_series_do_not_hide_their_correlation(steps):
     error = np.std(found) / np.sqrt(len(found))
     # Sokal's window leaves out a few hundredths of the sum.
     assert abs(np.mean(found) * steps * 80 / time - 0.97) < 0.05 + 4.0 * error * steps * 80 / time
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_chains_that_stop_short_of_a_tail_disagree_with_a_population(seed):
+    """A Cauchy of which the chains never see what lies beyond 20: a share of 0.03; and chains that see all of it."""
+    rng = np.random.default_rng(seed)
+    beside = rng.standard_cauchy((20, 8, 250, 1))
+    whole = rng.standard_cauchy((1000, 4, 1, 1))
+    short = whole[np.abs(whole[:, 0, 0, 0]) < 20.0]
+    cut = np.concatenate([np.where(np.abs(whole) < 20.0, whole, rng.normal(size=whole.shape))])
+    assert len(short) < len(whole)
+    assert diagnostics.disagreements(("x",), whole, beside) == []
+    said = diagnostics.disagreements(("x",), cut, beside)
+    assert len(said) == 1 and "quantile of x" in said[0] and "tail" in said[0]
+
+
+def test_chains_in_one_of_two_modes_disagree_with_a_population():
+    rng = np.random.default_rng(1)
+    beside = rng.normal(size=(20, 8, 250, 1)) + 8.0 * rng.integers(0, 2, (1, 8, 250, 1))
+    said = diagnostics.disagreements(("x",), rng.normal(size=(1000, 4, 1, 1)), beside)
+    assert len(said) == 1 and "x" in said[0]
+
+
+def test_particles_in_a_heavy_tail_are_not_stuck():
+    """They are where the weights put them; a tail is left as slowly as it is entered."""
+    space = si.ParameterSpace(x=si.Normal(0.0, 50.0), y=si.Normal(0.0, 50.0))
+    target = si.LogDensity(lambda x: -1.2 * np.log1p((x**2).sum(axis=1)), space.names, space)
+    for seed in range(3):
+        assert si.sample(target, si.SMC(particles=300, steps=20), seed=seed).verdict().stuck == 0

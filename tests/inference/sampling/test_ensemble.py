@@ -34,8 +34,8 @@ def test_settling_frees_walkers_from_a_false_mode():
         return x
 
     target = LogDensity(density, "ab", start)
-    settings = dict(walkers=14, steps=3000, ensembles=3)
-    assert si.sample(target, si.AIES(**settings), seed=1).verdict().stuck > 0
+    settings = dict(walkers=14, steps=3000, ensembles=3, start_candidates=1, differential_evolution=0.0)
+    assert si.sample(target, si.AIES(**settings, settling_steps=0), seed=1).verdict().stuck > 0
     assert si.sample(target, si.AIES(**settings, settling_steps=200), seed=1).verdict().stuck == 0
     with pytest.raises(InputError, match="discarded"):
         si.AIES(**settings, settling_steps=2000)
@@ -63,3 +63,22 @@ def test_too_few_walkers_and_hopeless_starts():
     never = LogDensity(lambda x: np.full(len(x), -np.inf), "ab", lambda n, rng: rng.standard_normal((n, 2)))
     with pytest.raises(si.StructidError, match="Check the priors"):
         si.sample(never, si.AIES(walkers=8, steps=10), seed=1)
+
+
+def wide(dimension=4):
+    """A Gaussian with correlations, a hundredth as wide as its prior."""
+    rng = np.random.default_rng(3)
+    factor = np.tril(rng.normal(size=(dimension, dimension))) + 2.0 * np.eye(dimension)
+    space = si.ParameterSpace(**{f"x{i}": si.Normal(0.0, 100.0) for i in range(dimension)})
+    return LogDensity(lambda x: -0.5 * ((x @ factor) ** 2).sum(axis=1), space.names, space)
+
+
+@pytest.mark.parametrize("dimension", [2, 4, 8])
+def test_as_it_comes_it_converges_from_a_wide_prior(dimension):
+    verdict = si.sample(wide(dimension), si.AIES(), seed=1).verdict()
+    assert verdict.converged, str(verdict)
+
+
+def test_a_short_run_as_it_comes_settles_only_in_what_is_discarded():
+    assert si.AIES().settled_steps == 100 and si.AIES(steps=100).settled_steps == 0
+    assert si.AIES(steps=240).settled_steps == 50

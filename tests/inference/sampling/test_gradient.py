@@ -37,3 +37,13 @@ def test_nothing_without_derivatives():
 def test_settings_that_make_no_sense(change, words):
     with pytest.raises(InputError, match=words):
         replace(SMALL, **change)
+
+
+def test_an_unconverged_run_blames_the_sampler_and_nothing_else(short_posterior):
+    """Priors and model are not judged by draws that are not the posterior's."""
+    result = si.sample(short_posterior, si.AIES(walkers=16, steps=40, ensembles=2), seed=1)
+    verdict = result.verdict()
+    assert not verdict.converged and verdict.failures and not verdict.wrong_model and not verdict.wrong_law
+    assert not [w for w in verdict.warnings if "prior" in w or "surrogate" in w]
+    assert "judged once the run has converged" in str(verdict)
+    assert result.robust is None and result.drift is None

@@ -13,8 +13,6 @@ EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
-FAR_BELOW = 0.5
-"""A stuck walker is below what the others visit by this share of the depth that they visit."""
 LAST_STEPS = 20
 """Smallest number of steps searched for walkers that end far below the others."""
 FEWEST_MOVES = 50
@@ -23,6 +21,10 @@ BOUND_WIDTH = 0.02
 """The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
 BOUND_MASS = 0.2
 """A marginal is said to sit on the bound if it has at least this posterior mass in that strip."""
+TAILS = (0.01, 0.99)
+"""Quantiles beyond which draws are compared with an independent population."""
+ERRORS_APART = 5.0
+"""Standard errors by which they may differ: the largest of some dozens of comparisons."""
 TAIL_PROBABILITY = 1e-3
 """A posterior median beyond this prior probability says that prior and data disagree."""
 
@@ -229,8 +231,7 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     -------
     ndarray of bool, shape (ensemble, walker)
         True where the acceptance is below a fifth of the median, if the chains are long enough to tell, or the best log density
-        of the last fifth of the steps, or the last twenty, is far below anything the upper three quarters of all walkers visit: by
-        half of what lies between the median and the lowest of these visits. The lowest of many sound walkers is hardly below.
+        of the last fifth of the steps, or the last twenty, is below anything the upper three quarters of all walkers visit.
     """
     rate = accepted.mean(axis=0)
     # Where few moves are expected, a low count may be chance.
@@ -239,8 +240,7 @@ def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
     last = log_density[-max(len(log_density) // 5, LAST_STEPS) :]
     best = last.max(axis=0)
     healthy = last[:, best >= np.quantile(best, 0.25)]
-    least = healthy.min() - FAR_BELOW * (np.median(healthy) - healthy.min())
-    return np.asarray(slow | (best < least))
+    return np.asarray(slow | (best < healthy.min()))
 
 
 @dataclass(frozen=True)
@@ -380,3 +380,48 @@ def convergence_failures(
     if stuck:
         failures.append(f"{stuck} stuck walker{'s' if stuck > 1 else ''}: they never joined the others")
     return failures
+
+
+def disagreements(names: tuple[str, ...], draws: np.ndarray, beside: np.ndarray) -> list[str]:
+    """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
+
+    A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The parameters.
+    draws, beside : ndarray, shape (step, ensemble, walker, parameter)
+        Kept draws of both.
+
+    Returns
+    -------
+    list of str
+        A sentence for the quantity in which they differ most, if it is by more than five standard errors; else empty.
+    """
+    found = []
+    for place, name in enumerate(names):
+        ours, theirs = draws[..., place], beside[..., place]
+        gap = _errors_apart(ours, theirs)
+        found.append((gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere"))
+        for probability, edge in zip(TAILS, np.quantile(ours, TAILS), strict=True):
+            beyond = [(x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (ours, theirs)]
+            found.append(
+                (
+                    _errors_apart(*beyond),
+                    f"beyond the {probability:.0%} quantile of {name} lie {beyond[1].mean():.1%} of an independent population: the "
+                    "chains do not go far enough into the tail, or the population too far",
+                )
+            )
+    gap, sentence = max(found)
+    return [sentence] if gap > ERRORS_APART else []
+
+
+def _errors_apart(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Difference of two means in combined standard errors; each error the larger of two, by sample size and by the ensembles."""
+    variance = 0.0
+    for x in (ours, theirs):
+        of_ensembles = x.mean(axis=(0, 2))
+        by_size = x.var() / max(effective_sample_size(x), 1.0) if np.ptp(x) else 0.0
+        variance += max(by_size, of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0)
+    return float(abs(ours.mean() - theirs.mean()) / np.sqrt(variance)) if variance > 0.0 else 0.0

@@ -30,6 +30,8 @@ from structid.streams import Purpose, stream
 
 SETTLING_GAP = 30.0
 """While the ensemble settles, a walker this many nats below the median is taken to be caught in a false mode."""
+USUAL_CANDIDATES, USUAL_SETTLING = 20, 100
+"""Candidates for the start of a walker, and steps in which an ensemble settles, where nothing else is said."""
 START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 
@@ -52,23 +54,24 @@ class AIES(Sampler):
         Fraction of the steps that use a differential-evolution move instead of the stretch move.
     discard : float
         Fraction of the steps dropped at the start.
-    start_candidates : int
+    start_candidates : int, optional
         Points drawn from the prior for every walker; a walker starts at one of them, chosen with a probability that grows
-        with its density rank. 1 starts from plain prior draws.
-    settling_steps : int
+        with its density rank. 1 starts from plain prior draws. When left out, 20; 1 where each costs a run of a solver, and for
+        points that are given.
+    settling_steps : int, optional
         Number of first steps during which, at the end of every block, walkers whose log density is more than `SETTLING_GAP` below
         their ensemble's median are moved to a random healthy walker of that ensemble. This frees walkers caught in a false mode.
-        It is not a Markov move, so these steps must lie within the discarded part.
+        It is not a Markov move, so these steps must lie within the discarded part. When left out, 100, or as many as are discarded.
     """
 
     walkers: int = 100
-    steps: int = 700
+    steps: int = 4000
     ensembles: int = 4
     stretch: float = 2.0
-    differential_evolution: float = 0.0
-    discard: float = 0.5
-    start_candidates: int = 1
-    settling_steps: int = 0
+    differential_evolution: float = 0.7
+    discard: float = 0.25
+    start_candidates: int | None = None
+    settling_steps: int | None = None
 
     needed_length: ClassVar[float] = 50.0
 
@@ -81,6 +84,8 @@ class AIES(Sampler):
             ("settling_steps", 0),
         ):
             value = getattr(self, name)
+            if value is None and name in ("start_candidates", "settling_steps"):
+                continue
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"AIES.{name}", f"{value!r}", f"a whole number, {least} or more")
         if self.walkers % 2:
@@ -90,7 +95,7 @@ class AIES(Sampler):
         for name in ("differential_evolution", "discard"):
             if not 0.0 <= getattr(self, name) < 1.0 + (name == "differential_evolution"):
                 raise InputError(f"AIES.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
-        if self.settling_steps > int(self.discard * self.steps):
+        if self.settling_steps is not None and self.settling_steps > int(self.discard * self.steps):
             raise InputError(
                 "AIES.settling_steps",
                 f"{self.settling_steps}",
@@ -106,7 +111,14 @@ class AIES(Sampler):
         dict
             For hashes; more steps continue the same chain.
         """
-        return {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
+        said = {k: v for k, v in asdict(self).items() if k not in ("steps", "discard")}
+        return said | {"settling_steps": self.settled_steps}
+
+    @property
+    def settled_steps(self) -> int:
+        """Number of first steps in which the ensemble settles."""
+        usual = min(USUAL_SETTLING, int(self.discard * self.steps)) // BLOCK_STEPS * BLOCK_STEPS
+        return usual if self.settling_steps is None else self.settling_steps
 
     @property
     def in_words(self) -> str:
@@ -154,7 +166,7 @@ class AIES(Sampler):
         else:
             state, start_failures = starting_state(target, self, seed, start)
         for index in range(len(blocks), len(lengths)):
-            if 0 < index * BLOCK_STEPS <= self.settling_steps:
+            if 0 < index * BLOCK_STEPS <= self.settled_steps:
                 state = settle(state, seed, index)
             state, block = run_block(target, self, state, seed, index, lengths[index])
             if index == 0:
@@ -201,7 +213,9 @@ def starting_state(
         )
     rng = stream(seed, Purpose.ENSEMBLE_START, 0)
     total = settings.ensembles * settings.walkers
-    wanted = total * settings.start_candidates
+    usual = 1 if target.costs_runs or points is not None else USUAL_CANDIDATES
+    candidates = usual if settings.start_candidates is None else settings.start_candidates
+    wanted = total * candidates
     phi, density = np.empty((0, target.dimension)), np.empty(0)
     failed_simulations = 0
     for _ in range(START_TRIES):
@@ -219,7 +233,7 @@ def starting_state(
             "or has no likelihood."
         )
     phi, density = phi[:wanted], density[:wanted]
-    if settings.start_candidates > 1:
+    if candidates > 1:
         # Each ensemble draws its own walkers from its own candidates; Gumbel noise on the ranks keeps them dispersed.
         groups = density.reshape(settings.ensembles, -1)
         rank = np.argsort(np.argsort(groups, axis=1), axis=1)

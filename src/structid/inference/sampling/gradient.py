@@ -65,6 +65,7 @@ class NUTS(Sampler):
     needed_length: ClassVar[float] = 50.0
     needs_derivatives: ClassVar[bool] = True
     interacting: ClassVar[bool] = False
+    compared: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for name, least in (("steps", 2), ("chains", 1), ("warm_up", 50), ("deepest", 1)):

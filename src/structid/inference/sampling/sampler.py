@@ -151,6 +151,11 @@ class Sampler(ABC):
     exact: ClassVar[bool] = False
     """Whether it draws from the posterior of the model itself, with a surrogate that only proposes."""
 
+    starts_elsewhere: ClassVar[bool] = True
+    """Whether walkers start away from the posterior, so that one may never get there."""
+    compared: ClassVar[bool] = False
+    """Whether its draws are compared with those of an independent population: few chains can miss a tail or a mode together."""
+
     @property
     def proposal_model(self) -> Model | None:
         """What makes the proposals instead of the sampled model; None where the target itself does."""

@@ -81,6 +81,7 @@ class SMC(Sampler):
     discard = 0.0  # no field: there is no start to forget
     # Particles begin where the posterior is. In one τ, those that were copied from one another have separated.
     needed_length: ClassVar[float] = 1.0
+    starts_elsewhere: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         for name, least in (("particles", 4), ("ensembles", 1), ("steps", 1), ("least_moves", 1), ("most_moves", 1)):
