@@ -138,15 +138,63 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
         raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'")
     number, own = float(match.group(1)), match.group(2)
     if own == "":
-        return number * factor(unit)
+        if unit in ("", "-", "1"):
+            return number
+        raise InputError(
+            where,
+            f"'{value}', a text without a unit",
+            f"a text with its unit, such as '{value.strip()} {unit}', or the number without quotes, which is in {unit}",
+        )
     if not same_dimension(own, unit):
         raise InputError(
             where,
             f"'{value}' has the unit '{own}'",
             f"a unit that measures the same as '{unit or 'a pure number'}'",
-            "Correct the unit, or leave it out to use the expected one.",
+            "Correct the unit.",
         )
     return number * factor(own)
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit that is known.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"12 t"``.
+
+    Returns
+    -------
+    bool
+        False for any other text, and for a bare number.
+    """
+    match = _NUMBER.match(text)
+    if match is None or not match.group(2):
+        return False
+    try:
+        _si_quantity(match.group(2))
+    except InputError:
+        return False
+    return True
+
+
+def in_si(text: str) -> str:
+    """Say a quantity in SI.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"12 t"``; see `is_quantity`.
+
+    Returns
+    -------
+    str
+        Such as ``"12000 kg"``.
+    """
+    match = _NUMBER.match(text)
+    assert match is not None
+    unit = si_unit(match.group(2)).replace("**", "^")
+    return f"{float(match.group(1)) * factor(match.group(2)):.6g}{' ' + unit if unit else ''}"
 
 
 def label(name: str, unit: str) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.commands.screen import screen
+from structid.commands.screen import WRONG_INPUT, screen
 
 if TYPE_CHECKING:
     from structid.study.building.built_study import BuiltStudy
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
     """Say everything that is wrong with a study and what it will cost; the model is run a few times for that."""
     from structid.study.cost import estimate
+    from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility
     from structid.study.run import load
 
@@ -23,8 +24,15 @@ def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")])
     _describe(built)
     with screen.status("running the model a few times"):
         sizes, cost = plausibility(built), estimate(built)
-    screen.print("\n".join([*sizes, str(cost)]), markup=False, soft_wrap=True)
-    screen.print(f"[bold green]{study} is in order.[/]")
+    for line in quantities_in_si(study):
+        screen.print(line, markup=False, soft_wrap=True)
+    screen.print("\n".join([*sizes.said, str(cost)]), markup=False, soft_wrap=True)
+    if not sizes.questions:
+        screen.print(f"[bold green]{study} is in order.[/]")
+        return
+    for question in sizes.questions:
+        screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
+    raise typer.Exit(WRONG_INPUT)
 
 
 def _describe(built: BuiltStudy) -> None:

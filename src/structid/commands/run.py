@@ -50,9 +50,14 @@ def run_on_screen(
     retry, adopt : bool
         See `run`.
     """
-    from structid.study.run import run_study
+    from structid.study.plausibility import plausibility
+    from structid.study.run import load, run_study
 
     screen.print(f"[bold]structid[/] {study.name} → {out}")
+    built = load(study)
+    if built.model.batched and not resume:  # one run; a solver's is left to structid check
+        for question in plausibility(built).questions:
+            screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
     try:
         outcome = run_study(study, out, resume, stage, executor, retry, adopt)
     except KeyboardInterrupt:

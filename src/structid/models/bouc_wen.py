@@ -29,7 +29,9 @@ from structid.models.hysteretic_parameters import (
 )
 from structid.models.kind import ModelKind
 from structid.models.oscillator_equations import OscillatorEquations
+from structid.models.prior_checks import PHYSICAL_RANGES, check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.probability.space import ParameterSpace
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -180,6 +182,9 @@ class BoucWen(TraceableModel):
             value = getattr(self, name)
             if value is not None and name not in self.free and value <= 0.0:
                 raise InputError(f"BoucWen.{name}", f"{value:g}", "a positive number")
+        for name in PHYSICAL_RANGES:
+            if (value := getattr(self, name)) is not None and name not in self.free:
+                check_value(f"BoucWen.{name}", name, value)
         if self.zeta0 >= 1.0:
             raise InputError(
                 "BoucWen.zeta0",
@@ -205,6 +210,16 @@ class BoucWen(TraceableModel):
         if values["gamma"] is None:
             values["gamma"] = values["gamma_ratio"] * values["beta"]
         return values
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+        """
+        check_priors(space, self.free)
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and accelerations where the displacement is imposed.

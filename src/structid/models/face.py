@@ -13,7 +13,7 @@ from structid.channels import ChannelUnit, standard_unit
 from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
-from structid.probability.space import Design
+from structid.probability.space import Design, ParameterSpace
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished runs or steps, and the total."""
@@ -364,6 +364,21 @@ class Model(ABC):
                         ", ".join(self.free) or "none",
                         suggestion(name, self.free) or "Remove it, or name it in free.",
                     )
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse priors that the model's parameters cannot have; a model that knows nothing of its parameters takes any.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+
+        Raises
+        ------
+        InputError
+            If a unit or a range is wrong.
+        """
+        return
 
 
 def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Excitation]:

@@ -26,7 +26,9 @@ from structid.models.hysteretic_parameters import (
     refuse_units_of_shapes,
 )
 from structid.models.kind import ModelKind
+from structid.models.prior_checks import check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.probability.space import ParameterSpace
 
 STOREY_PARAMETERS = (
     "mass",
@@ -151,6 +153,9 @@ class ShearFrame(TraceableModel):
         for name in STOREY_PARAMETERS:
             object.__setattr__(self, name, self._per_storey(name, getattr(self, name)))
         self._check_complete()
+        check_value(
+            "ShearFrame.damping_ratio", "damping_ratio", finite_number("ShearFrame.damping_ratio", self.damping_ratio)
+        )
         if isinstance(self.damping, str):
             check_choice("ShearFrame.damping", self.damping, ("modal", "rayleigh"))
         elif np.shape(self.damping) != (self.storeys, self.storeys):
@@ -170,6 +175,8 @@ class ShearFrame(TraceableModel):
         values = tuple(finite_number(f"ShearFrame.{name}", v) for v in given)
         if name in ("mass", "stiffness", "exponent") and min(values) <= 0.0:
             raise InputError(f"ShearFrame.{name}", f"{min(values):g}", "positive numbers")
+        for value_of_storey in values:
+            check_value(f"ShearFrame.{name}", name, value_of_storey)
         if name == "zeta0" and max(values) >= 1.0:
             raise InputError("ShearFrame.zeta0", f"{max(values):g}", "numbers below 1")
         if len(values) != self.storeys or not np.isfinite(values).all():
@@ -233,6 +240,16 @@ class ShearFrame(TraceableModel):
             values["gamma"] = values["gamma_ratio"] * values["beta"]
         values["damping_ratio"] = column.get("damping_ratio", self.damping_ratio)
         return values
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+        """
+        check_priors(space, self.free)
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and an imposed displacement.

@@ -17,6 +17,9 @@ class Line(si.BoucWen):
         super().__init__(mass=1.0, damping_ratio=0.0, beta=0.0, gamma=0.0, alpha=1.0, free=("stiffness",), substeps=1)
         self.regressor = regressor
 
+    def check_priors(self, space):
+        """A slope may be negative."""
+
     def response(self, theta, excitation):
         from structid.device import jnp
 

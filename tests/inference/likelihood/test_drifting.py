@@ -17,7 +17,8 @@ CLEAN = MODEL.simulate(np.array([[7.2e6, 0.4]]), RECORD).values[0, :, 0]
 
 
 def posterior(law, observations=1):
-    return si.Posterior(SPACE, MODEL, [si.Observation(RECORD, CLEAN, name=str(i)) for i in range(observations)], law)
+    measured = [si.Observation(RECORD, CLEAN * (1.0 + 1e-3 * i), name=str(i)) for i in range(observations)]
+    return si.Posterior(SPACE, MODEL, measured, law)
 
 
 def test_parameters_are_those_of_the_model_their_drifts_and_what_they_are_at_the_knots():

@@ -107,7 +107,9 @@ NUISANCES = {"gain": dict(gain=si.LogNormal(mean=1.0, sd=0.1)), "offset": dict(o
 
 
 def posterior(law=None, observations=1, **nuisances):
-    measured = [si.Observation(GROUND, MEASURED, name=f"test {i}", **nuisances) for i in range(observations)]
+    measured = [
+        si.Observation(GROUND, MEASURED * (1.0 + 1e-3 * i), name=f"test {i}", **nuisances) for i in range(observations)
+    ]
     return si.Posterior(SPACE, MODEL, measured, discrepancy=law)
 
 

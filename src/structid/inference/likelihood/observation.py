@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -163,6 +163,29 @@ class Observation:
     def si_units(self) -> tuple[str, ...]:
         """SI unit of each channel, empty where the dimension is not known."""
         return tuple(self.channel_unit(channel).si for channel in self.channels)
+
+    def check_new(self, others: Sequence[Observation]) -> None:
+        """Refuse to be one of the other observations once more.
+
+        Parameters
+        ----------
+        others : sequence of Observation
+            The other ones.
+
+        Raises
+        ------
+        InputError
+            If one has the same values of the same channels on the same record.
+        """
+        for number, other in enumerate(others, start=1):
+            same = self.channels == other.channels and self.record.content_hash == other.record.content_hash
+            if same and np.array_equal(self.values, other.values):
+                raise InputError(
+                    f"observation {len(others) + 1}",
+                    f"the same measurement as number {number}",
+                    "each measurement once",
+                    "Twice the same data would count as twice as many.",
+                )
 
     def nuisances(self) -> dict[str, Marginal]:
         """Unknown nuisances and their priors.

@@ -85,9 +85,11 @@ class Posterior(Target):
         if not self.observations:
             raise InputError("Posterior.observations", "none", "one Observation or more")
         self.model.check_names(self.model_space.names, self.model_space.all_names)
+        self.model.check_priors(self.model_space)
         if refuse_unfit and self.model.stand_in is not None:
             self.model.stand_in.check_fitness()
-        for observation in self.observations:
+        for number, observation in enumerate(self.observations):
+            observation.check_new(self.observations[:number])
             check_channels("observation.channels", observation.channels, self.model.channels)
             self.model.check_excitation(observation.record)
 

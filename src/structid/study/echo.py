@@ -1,0 +1,40 @@
+"""Every quantity of a study file in SI, as it was understood: a ton is not a tonne."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from structid.units import in_si, is_quantity
+
+
+def quantities_in_si(path: str | Path) -> list[str]:
+    """List the texts of a study file that are quantities, each with its value in SI.
+
+    Parameters
+    ----------
+    path : path-like
+        A study file that has been read.
+
+    Returns
+    -------
+    list of str
+        A line each, in the order of the file.
+    """
+    content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    found = [(key, text) for key, text in _texts(content) if is_quantity(text)]
+    width = max((len(key) for key, _ in found), default=0)
+    return [f"{key.ljust(width)}  {text} = {in_si(text)}" for key, text in found]
+
+
+def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    """Every text of a tree, with its key."""
+    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in items:
+        own = f"{where}.{key}" if where else str(key)
+        if isinstance(value, str):
+            yield own, value
+        else:
+            yield from _texts(value, own)

@@ -1,0 +1,61 @@
+"""Priors and values that a hysteretic model cannot have are refused, wherever they come from; the tail of a normal prior is not."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import InputError
+from structid.models.prior_checks import unstable_share
+
+RECORD = si.GroundMotion.synthetic(seed=3).trim(3.0, 5.0)
+KNOWN = dict(mass=12_000.0, damping_ratio=0.03, stiffness=7.6e6, alpha=0.05, beta=60.0, gamma_ratio=0.5)
+MEASURED = si.Observation(RECORD, np.sin(RECORD.time))
+
+
+def posterior(**priors):
+    space = si.ParameterSpace(**priors)
+    known = {name: value for name, value in KNOWN.items() if name not in priors}
+    return si.Posterior(space, si.BoucWen(**known, free=space.names), MEASURED)
+
+
+@pytest.mark.parametrize(
+    ("prior", "words"),
+    [
+        (dict(stiffness=si.Normal(7.0, 1.0, unit="kg")), "unit of the prior of 'stiffness'.*kg"),
+        (dict(mass=si.Normal(12.0, 1.0, unit="kN")), "unit of the prior of 'mass'.*kN"),
+        (dict(stiffness=si.Uniform(-1e6, 8e6)), "stiffness.*11% lies outside 0 and above"),
+        (dict(alpha=si.Uniform(0.0, 2.0)), "alpha.*50% lies outside 0 to 1"),
+        (dict(damping_ratio=si.Normal(0.0, 0.02)), "damping_ratio.*50% lies outside"),
+    ],
+)
+def test_priors_that_are_not_physical(prior, words):
+    with pytest.raises(InputError, match=words):
+        posterior(**prior)
+
+
+def test_the_tail_of_a_normal_prior_is_nobodys_mistake():
+    assert posterior(stiffness=si.Normal(7.4, 2.0, unit="kN/mm")).dimension == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("alpha", 1.2), ("alpha", -0.1), ("damping_ratio", -0.03), ("mass", -1.0), ("stiffness", -1.0)]
+)
+def test_values_that_are_not_physical(name, value):
+    with pytest.raises(InputError, match=f"{name}.*{value:g}".replace("-", ".")):
+        si.BoucWen(**KNOWN | {name: value})
+    with pytest.raises(InputError, match=f"{name}.*{value:g}".replace("-", ".")):
+        si.ShearFrame(storeys=2, **KNOWN | {name: value})
+
+
+def test_the_same_measurement_twice():
+    space = si.ParameterSpace(stiffness=si.Normal(7.4e6, 1e5))
+    model = si.BoucWen(**{n: v for n, v in KNOWN.items() if n != "stiffness"}, free=("stiffness",))
+    with pytest.raises(InputError, match="observation 2: the same measurement as number 1"):
+        si.Posterior(space, model, [MEASURED, si.Observation(RECORD, np.sin(RECORD.time))])
+    assert si.Posterior(space, model, [MEASURED, si.Observation(RECORD, np.cos(RECORD.time))]).dimension == 3
+
+
+def test_where_gamma_exceeds_beta_the_response_need_not_stay_bounded():
+    assert unstable_share({"gamma_ratio": np.array([0.5, -1.0, 1.5, 2.0])}) == 0.5
+    assert unstable_share({"beta": np.array([10.0, 10.0]), "gamma": np.array([-11.0, 3.0])}) == 0.5
+    assert unstable_share({"beta": np.array([10.0])}) == 0.0

@@ -1,0 +1,72 @@
+"""A study that is right is in order; one with a likely mistake is asked about, before anything is sampled."""
+
+import re
+
+import numpy as np
+import pytest
+
+from commands import structid
+from structid.study.run import load
+from studies import SMALL
+
+PLAIN = re.sub(r"\[observation.virtual\].*?\[discrepancy\]", "[discrepancy]", SMALL, flags=re.S).replace(
+    'channels = ["velocity"]', 'channels = ["velocity"]\nfile = "measured.csv"\nunit = "m/s"'
+)
+
+
+@pytest.fixture
+def study(tmp_path):
+    """A study whose measurement is in a file, and the measurement."""
+    (tmp_path / "small.toml").write_text(SMALL)
+    observation = load(tmp_path / "small.toml").posterior.observations[0]
+
+    def written(change=lambda values: values, text=PLAIN):
+        np.savetxt(
+            tmp_path / "measured.csv", np.stack([observation.record.time, change(observation.values[:, 0])], axis=1)
+        )
+        (tmp_path / "study.toml").write_text(text)
+        return structid("check", "study.toml", cwd=tmp_path)
+
+    return written
+
+
+def test_what_is_right_is_in_order_and_every_quantity_is_echoed(study):
+    done = study()
+    assert done.returncode == 0 and "in order" in done.stdout, done.stderr
+    assert re.search(r"model.mass +12 t = 12000 kg", done.stdout)
+    assert "pga" in done.stdout and "1.8 m/s^2 = 1.8 m/s^2" in done.stdout
+    assert "12 tons = 10886.2 kg" in study(text=PLAIN.replace('mass = "12 t"', 'mass = "12 tons"')).stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda v: 100.0 * v, "differ by more than ten times"),
+        (lambda v: v + 5.0 * np.abs(v).max(), "Is it an offset of the instrument"),
+        (
+            lambda v: np.interp(np.arange(len(v)) / 6.0, np.arange(len(v)), v),
+            "Are mass and stiffness in the units you mean",
+        ),
+    ],
+)
+def test_a_likely_mistake_in_the_measurement(study, change, words):
+    done = study(change)
+    assert done.returncode == 2 and words in done.stdout and "in order" not in done.stdout, done.stdout
+
+
+def test_a_channel_with_the_sign_reversed(study, tmp_path):
+    """Seen where the model at the priors' medians is near the structure."""
+    model = load(tmp_path / "small.toml")
+    response = model.model.simulate(model.space.from_uniform(np.full((1, 4), 0.5)), model.record).values[0, :, 0]
+    done = study(lambda v: -response)
+    assert done.returncode == 2 and "sign reversed" in done.stdout, done.stdout
+
+
+def test_a_model_that_may_not_stay_bounded(study):
+    done = study(text=PLAIN.replace("low = -1\nhigh = 1", "low = -1\nhigh = 2"))
+    assert done.returncode == 2 and "|gamma| exceeds beta" in done.stdout, done.stdout + done.stderr
+
+
+def test_a_text_without_a_unit_is_asked_for_one(study):
+    done = study(text=PLAIN.replace('pga = "1.8 m/s^2"', 'pga = "0.28"'))
+    assert done.returncode == 2 and "record.pga" in done.stderr and "'0.28', a text without a unit" in done.stderr
