@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Iterator
+import functools
+import inspect
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
+from typing import Any, TypeVar, cast
 
 
 class StructidError(Exception):
@@ -33,6 +36,75 @@ class InputError(StructidError, ValueError):
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str, str]]:
         return (type(self), (self.where, self.came, self.allowed, self.cure))
+
+
+@contextmanager
+def undamaged(path: object, content: str) -> Iterator[None]:
+    """Say of a file that cannot be read what it was, and what is lost with it.
+
+    Parameters
+    ----------
+    path : object
+        The file.
+    content : str
+        What it holds.
+
+    Yields
+    ------
+    None
+        While it is read.
+
+    Raises
+    ------
+    InputError
+        If reading fails in a way that only a damaged file explains.
+    """
+    try:
+        yield
+    except StructidError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, RuntimeError, IndexError, OverflowError) as cause:
+        raise InputError(
+            f"{path}",
+            f"it is damaged, or no file of structid ({type(cause).__name__}: {cause})",
+            f"a file with {content}, as it was written",
+            "Take it from a copy. Or remove it: what it holds is then done again.",
+        ) from cause
+
+
+T = TypeVar("T", bound=Callable[..., Any])
+
+
+def names_checked(function: T) -> T:
+    """Make a class or function refuse arguments that it does not know by a sentence with the nearest name that it knows.
+
+    Parameters
+    ----------
+    function : callable
+        A dataclass, whose ``__init__`` is wrapped, or a function.
+
+    Returns
+    -------
+    callable
+        The same class, or the wrapped function.
+    """
+    plain: Any = vars(function)["__init__"] if isinstance(function, type) else function
+    known = [name for name in inspect.signature(function).parameters if not name.startswith("_")]
+
+    @functools.wraps(plain)
+    def checked(*arguments: Any, **named: Any) -> Any:
+        for name in named:
+            if name not in known and not name.startswith("_"):
+                cure = suggestion(name, known)
+                raise InputError(
+                    f"{function.__name__}({name})", "an argument that it does not have", ", ".join(known), cure
+                )
+        return plain(*arguments, **named)
+
+    if isinstance(function, type):
+        setattr(function, "__init__", checked)  # noqa: B010, the name is not to be looked up by a type checker
+        return function
+    return cast(T, checked)
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from structid.errors import InputError, Status, check_choice
 from structid.figures import runs as figures
 from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
+from structid.notebook import ShownAsText
 from structid.probability.space import Design
 from structid.reasons import general_reason
 from structid.units import factor
@@ -85,7 +86,7 @@ class InMemory:
 
 
 @dataclass(frozen=True, eq=False)
-class Runs:
+class Runs(ShownAsText):
     """Runs of one model over a design, on one or several records. Histories stay on disk until they are needed.
 
     Parameters

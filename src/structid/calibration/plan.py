@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import Limits
 from structid.inference.sampling.tempered import SMC
 
 
+@names_checked
 @dataclass(frozen=True)
 class Plan:
     """How true runs are spent.

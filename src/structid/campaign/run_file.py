@@ -13,7 +13,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError, Status, StoreError
+from structid.errors import InputError, Status, StoreError, undamaged
 from structid.ground_motion.excitation import (
     CombinedExcitation,
     DisplacementHistory,
@@ -126,7 +126,7 @@ class FileSource:
         ndarray, shape (row, time, channel)
             Histories.
         """
-        with h5py.File(self.path, "r") as file:
+        with undamaged(self.path, "histories of runs"), h5py.File(self.path, "r") as file:
             values = file["values"]
             # h5py needs increasing, distinct rows.
             distinct, back = np.unique(positions, return_inverse=True)
@@ -290,7 +290,7 @@ def read_rows(path: Path) -> dict[str, Row]:
         By key, without pending runs.
     """
     source = FileSource(path)
-    with h5py.File(path, "r") as file:
+    with undamaged(path, "runs"), h5py.File(path, "r") as file:
         columns = [file[n][...] for n in ("key", "status", "failure_time", "seconds", "attempts", "finished")]
         reasons = file["reason"].asstr()[...]
     rows = {}
@@ -317,7 +317,7 @@ def read_keys(path: Path) -> list[str]:
     list of str
         One for each run, in the order of the file.
     """
-    with h5py.File(path, "r") as file:
+    with undamaged(path, "runs"), h5py.File(path, "r") as file:
         return [k.decode() for k in file["key"][...]]
 
 
@@ -339,25 +339,17 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
     InputError
         If it is not a file of runs, or one of a later version of structid.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            _refuse_later_layout(path, int(file.attrs["schema"]))
-            plain = json.loads(file.attrs["records"])
-            records = tuple(
-                record_from_plain(p, values[: int(samples)])
-                for p, values, samples in zip(plain, file["excitation"][...], file["samples"][...], strict=True)
-            )
-            channels = tuple(str(c) for c in file["channel"].asstr()[...])
-            space = ParameterSpace.from_plain(json.loads(file.attrs["space"]))
-            header = Header(json.loads(file.attrs["identity"]), space, records, channels)
-            return header, file["theta"][...], file["record_of_run"][...].astype(int)
-    except (OSError, KeyError) as cause:
-        raise InputError(
-            f"{path}",
-            f"it holds no runs of structid ({cause})",
-            "a file written by a Campaign",
-            "Give another file.",
-        ) from cause
+    with undamaged(path, "runs of a Campaign"), h5py.File(path, "r") as file:
+        _refuse_later_layout(path, int(file.attrs["schema"]))
+        plain = json.loads(file.attrs["records"])
+        records = tuple(
+            record_from_plain(p, values[: int(samples)])
+            for p, values, samples in zip(plain, file["excitation"][...], file["samples"][...], strict=True)
+        )
+        channels = tuple(str(c) for c in file["channel"].asstr()[...])
+        space = ParameterSpace.from_plain(json.loads(file.attrs["space"]))
+        header = Header(json.loads(file.attrs["identity"]), space, records, channels)
+        return header, file["theta"][...], file["record_of_run"][...].astype(int)
 
 
 def _refuse_later_layout(path: Path, layout: int) -> None:

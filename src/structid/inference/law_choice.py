@@ -22,6 +22,7 @@ from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Map, Model, Progress
+from structid.notebook import ShownAsText
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed
 
@@ -51,7 +52,7 @@ def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class LawChoice:
+class LawChoice(ShownAsText):
     """Laws of the errors, and what the data say of each.
 
     Parameters

@@ -66,6 +66,7 @@ def sample(
     sampler = AIES() if sampler is None else sampler
     if seed < 0:
         raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
+    _check_memory(target, sampler)
     chains = None if store is None else ChainStore(store, chain_identity(target, sampler, seed, start))
     blocks = [] if chains is None else chains.blocks()
     seconds = {index: float(block["seconds"].sum()) for index, block in enumerate(blocks)}
@@ -102,6 +103,19 @@ def sample(
         divergent=drawn.divergent,
         beside=beside,
     )
+
+
+def _check_memory(target: Target, sampler: Sampler) -> None:
+    """Refuse draws that this machine cannot hold, before the first of them."""
+    numbers = sampler.steps * sampler.ensembles * sampler.walkers * (target.dimension + 2)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else np.inf
+    if 8 * numbers > memory:
+        raise InputError(
+            f"sample({type(sampler).__name__})",
+            f"{sampler.steps} steps of {sampler.ensembles} x {sampler.walkers} walkers, whose draws take {8e-9 * numbers:,.0f} GB",
+            f"draws that fit into the {1e-9 * memory:.0f} GB of this machine",
+            "A hundred walkers and some thousand steps are many.",
+        )
 
 
 def chain_identity(target: Target, sampler: Sampler, seed: int, start: np.ndarray | None = None) -> dict[str, Any]:

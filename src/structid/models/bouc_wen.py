@@ -13,7 +13,7 @@ import numpy as np
 
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, suggestion
+from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
 from structid.keys import quantity
@@ -54,6 +54,7 @@ _REQUIRED = ("mass", "stiffness", "alpha", "beta")
 _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class BoucWen(TraceableModel):
     """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
 from structid.keys import Fraction, quantity
@@ -68,6 +68,7 @@ STOREY_CHANNELS = (
 Storeys = float | Sequence[float] | None
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class ShearFrame(TraceableModel):
     """Shear frame: floor masses joined by hysteretic springs, fixed at the base.

@@ -14,6 +14,7 @@ import scipy
 
 from structid.errors import InputError, suggestion
 from structid.journal import digest, function_identity
+from structid.notebook import ShownAsText
 from structid.probability import copula
 from structid.probability.bijections import Bijection
 from structid.probability.derived import Derivation, derivations
@@ -103,7 +104,7 @@ class Design:
         return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
 
 
-class ParameterSpace:
+class ParameterSpace(ShownAsText):
     """The unknown parameters: names, prior distributions, correlation, and parameters derived from others.
 
     Parameters

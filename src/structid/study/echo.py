@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from structid.study.schema.study_file import study_text
 from structid.units import in_si, is_quantity
 
 
@@ -23,7 +24,7 @@ def quantities_in_si(path: str | Path) -> list[str]:
     list of str
         A line each, in the order of the file.
     """
-    content = tomllib.loads(Path(path).read_text(encoding="utf-8-sig"))
+    content = tomllib.loads(study_text(Path(path)))
     found = [(key, text) for key, text in _texts(content) if is_quantity(text)]
     width = max((len(key) for key, _ in found), default=0)
     return [f"{key.ljust(width)}  {text} = {in_si(text)}" for key, text in found]

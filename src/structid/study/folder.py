@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS
-from structid.errors import InputError
+from structid.errors import InputError, undamaged
 from structid.journal import compare_identity, differences, write_then_rename
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
-from structid.study.schema.study_file import StudyFile, parse_study
+from structid.study.schema.study_file import StudyFile, parse_study, study_text
 
 IDENTITY = "identity.json"
 """What a study depends on, and where its inputs lie."""
@@ -95,7 +95,8 @@ def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
             "a folder that structid run has filled",
             "Finish it first: structid run STUDY.toml --out DIR --resume.",
         )
-    told = json.loads(identity.read_text())
+    with undamaged(identity, "what identifies a study"):
+        told = json.loads(identity.read_text(encoding="utf-8"))
     return _with_kept_inputs(folder, told["inputs"]), told
 
 
@@ -154,7 +155,8 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
     """
     told = folder / IDENTITY
     if told.is_file():
-        found = json.loads(told.read_text())["study"]
+        with undamaged(told, "what identifies a study"):
+            found = json.loads(told.read_text(encoding="utf-8"))["study"]
         if not (adopt and differences(found, study.identity) == ["model"]):
             compare_identity(folder, found, study.identity)
         if not resume:
@@ -170,7 +172,7 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
         )
     folder.mkdir(parents=True, exist_ok=True)
     if path.resolve() != (folder / STUDY).resolve():
-        shutil.copyfile(path, folder / STUDY)
+        write_then_rename(folder / STUDY, study_text(path).encode())
     inputs = _keep_inputs(study, folder)
     identity = {
         "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),

@@ -11,7 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, undamaged
+from structid.journal import digest
 from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import Fit
 from structid.surrogates.validation import Validation
@@ -82,6 +83,9 @@ def write(
         file.attrs["content"] = CONTENT
         file.attrs["fit"] = json.dumps(said, default=str)
         file.attrs["plain"] = json.dumps(plain)
+        file.attrs["checksum"] = digest(
+            file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays))
+        )
         _write_arrays(file.create_group("arrays"), arrays)
         if validation is not None:
             _write_validation(file.create_group("validation"), validation)
@@ -114,7 +118,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
         file = h5py.File(path, "r")
     except OSError as cause:
         raise InputError(where, "a file that is not HDF5", "a file that Surrogate.save wrote") from cause
-    with file:
+    with undamaged(where, "a surrogate"), file:
         if file.attrs.get("content") != CONTENT:
             raise InputError(where, "an HDF5 file of something else", "a file that Surrogate.save wrote")
         layout = int(file.attrs["schema"])
@@ -128,6 +132,11 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
         said = json.loads(file.attrs["fit"])
         plain = json.loads(file.attrs["plain"])
         arrays = _read_arrays(file["arrays"])
+        sum_of_content = digest(file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays)))
+        if file.attrs.get("checksum", sum_of_content) != sum_of_content:
+            raise InputError(
+                where, "its checksum is wrong: it is damaged", "a file as Surrogate.save wrote it", "Fit it again."
+            )
         validation = _read_validation(file["validation"]) if "validation" in file else None
     said |= {
         "space": ParameterSpace.from_plain(said["space"]),

@@ -85,7 +85,9 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
         coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
 
         def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
-            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
+            of_a_channel = name.startswith("y") and group != "log_likelihood"
+            unit = ", ".join(observation.si_units) if of_a_channel else "nat" if group == "log_likelihood" else "SI"
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords, attrs={"unit": unit})
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)
         put(
@@ -118,7 +120,8 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
                 every,
                 coords | draws,
             )
-    return groups | {group: xarray.Dataset(variables) for group, variables in parts.items()}
+    attributes = {"inference_library": "structid", "excitation": [o.record.name for o in posterior.observations]}
+    return groups | {group: xarray.Dataset(variables, attrs=attributes) for group, variables in parts.items()}
 
 
 def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:

@@ -14,6 +14,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.inference.assessment.pareto_smoothing import smoothed_weights
+from structid.notebook import ShownAsText
 
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
@@ -72,7 +73,7 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
-class Certificate:
+class Certificate(ShownAsText):
     """Whether a surrogate's posterior may be believed, and why.
 
     Parameters

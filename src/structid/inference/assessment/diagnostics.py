@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from structid.notebook import ShownAsText
+
 R_HAT_LIMIT = 1.01
 """Largest R-hat of a converged run (Vehtari et al. 2021)."""
 EFFECTIVE_SIZE_LIMIT = 400
@@ -277,7 +279,7 @@ def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Verdict(ShownAsText):
     """Whether a run may be believed, and why not.
 
     Parameters

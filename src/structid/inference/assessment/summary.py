@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from structid.notebook import ShownAsText
 from structid.units import label
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True)
-class Summary:
+class Summary(ShownAsText):
     """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units.
 
     Parameters
@@ -57,6 +62,18 @@ class Summary:
         """
         index = self.names.index(name)
         return {column: float(values[index]) for column, values in self.columns.items()}
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Give the table as pandas has it.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each parameter, in display units, which are in the column ``unit``.
+        """
+        import pandas
+
+        return pandas.DataFrame({"unit": list(self.units), **self.columns}, index=list(self.names))
 
     def __str__(self) -> str:
         heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]

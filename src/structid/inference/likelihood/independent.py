@@ -9,13 +9,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.array_module import namespace
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class IID(Discrepancy):
     """Independent, identically distributed Gaussian discrepancy.

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.likelihood.correlated import Correlated, Matrix
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import LogNormal, Uniform
@@ -43,6 +43,7 @@ class CorrelatedInTime(Correlated):
         return _spanning(dt, 0.1 * samples * dt, "s")
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class AR1(CorrelatedInTime):
     """Exponential kernel, σ² exp(−τ/ℓ): at a constant step an AR(1) process with φ = exp(−dt/ℓ), plus white noise.
@@ -61,6 +62,7 @@ class AR1(CorrelatedInTime):
         return [[numpy.exp(-dt / shapes["correlation_time"])]], [numpy.ones_like(shapes["correlation_time"])]
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class Matern32(CorrelatedInTime):
     """Matérn-3/2 kernel, σ² (1 + λτ) exp(−λτ) with λ = √3/ℓ, plus white noise.
@@ -86,6 +88,7 @@ class Matern32(CorrelatedInTime):
         return transition, [numpy.ones_like(rate), rate**2]
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class DampedCosine(Correlated):
     """Kernel of a stochastic harmonic oscillator, σ² e^{−ητ} (cos ωτ + η/ω sin ωτ), plus white noise.

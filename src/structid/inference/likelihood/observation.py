@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.device import jnp
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
 from structid.journal import digest
@@ -21,6 +21,7 @@ NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class Observation:
     """A measured response: what drove the structure, and what was recorded.
@@ -70,6 +71,8 @@ class Observation:
                 "a GroundMotion, ForceHistory or DisplacementHistory",
             )
         channels = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
+        if not channels:
+            raise InputError(f"{where}: channels", "none", "one or more, such as 'velocity'")
         values = np.array(self.values, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
         if values.ndim != 2 or values.shape[1] != len(channels):

@@ -12,7 +12,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
 from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
@@ -26,12 +26,12 @@ START_TRIES = 5
 GOOD_ACCEPTANCE, POOR_ACCEPTANCE = 0.5, 0.25
 """Second-stage acceptance above which sub-chains are made twice as long, and below which half as long."""
 PLAIN_EVERY, PLAIN_EVERY_WITH_A_POOR_ONE = 20, 3
-"""Interval [steps] of plain ensemble moves without the surrogate: without them, walkers where it gives far too little density
-would never leave. The second interval is for a poor surrogate, below `GOOD_ACCEPTANCE`."""
+"""Interval [steps] of plain moves, without which walkers to which the surrogate gives too little density would never leave."""
 DECORRELATED = 0.2
 """Correlation between a sub-chain's ends below which a longer one gains little. With 128 walkers it is known to 0.1."""
 
 
+@names_checked
 @dataclass(frozen=True, eq=False)
 class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.sampling.moves import EnsembleState, Moves, halves, move_walkers
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
@@ -36,6 +36,7 @@ START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 
 
+@names_checked
 @dataclass(frozen=True)
 class AIES(Sampler):
     """Settings of the affine-invariant ensemble sampler.
@@ -93,8 +94,9 @@ class AIES(Sampler):
         if not self.stretch > 1.0:
             raise InputError("AIES.stretch", f"{self.stretch}", "a number above 1")
         for name in ("differential_evolution", "discard"):
-            if not 0.0 <= getattr(self, name) < 1.0 + (name == "differential_evolution"):
-                raise InputError(f"AIES.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
+            value = getattr(self, name)
+            if not (0.0 <= value < 1.0 or (value == 1.0 and name == "differential_evolution")):
+                raise InputError(f"AIES.{name}", f"{value}", "a fraction between 0 and 1")
         if self.settling_steps is not None and self.settling_steps > int(self.discard * self.steps):
             raise InputError(
                 "AIES.settling_steps",

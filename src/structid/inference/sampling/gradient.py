@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from structid.device import jnp, over_runs
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
     Block,
@@ -34,6 +34,7 @@ START_TRIES = 20
 """Rounds of drawing starting points of finite density."""
 
 
+@names_checked
 @dataclass(frozen=True)
 class NUTS(Sampler):
     """Settings of the No-U-Turn sampler.

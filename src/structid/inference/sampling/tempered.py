@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.sampling.bridge import evidence_of
 from structid.inference.sampling.population import Population, block_of, run_moves, run_stage, starting_population
 from structid.inference.sampling.sampler import (
@@ -34,6 +34,7 @@ MOST_STAGES = 200
 """Stages after which the tempering is given up."""
 
 
+@names_checked
 @dataclass(frozen=True)
 class SMC(Sampler):
     """Settings of tempered sequential Monte Carlo.

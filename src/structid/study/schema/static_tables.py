@@ -78,7 +78,7 @@ class VirtualSection(Section):
 class ObservationSection(Section):
     """A measured history, or a virtual one; with its own record if it is not the study's."""
 
-    channels: tuple[str, ...] = ("velocity",)
+    channels: tuple[str, ...] = Field(default=("velocity",), min_length=1)
     file: str | None = None
     unit: str | None = None
     column: int | None = None

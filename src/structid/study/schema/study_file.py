@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import functools
 import tomllib
 from pathlib import Path
@@ -126,12 +127,45 @@ def read_study(path: str | Path) -> StudyFile:
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
     try:
-        content = tomllib.loads(file.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        content = tomllib.loads(study_text(file))
+    except tomllib.TOMLDecodeError as cause:
         raise InputError(
             f"{path}", f"it is no TOML: {cause}", "a TOML file", 'A text value needs quotes: mass = "12 t".'
         ) from None
     return parse_study(content, str(path))
+
+
+def study_text(file: Path) -> str:
+    """Read the text of a study file: UTF-8 or UTF-16, as editors save it.
+
+    Parameters
+    ----------
+    file : Path
+        The file.
+
+    Returns
+    -------
+    str
+        Its text, without a byte-order mark.
+
+    Raises
+    ------
+    InputError
+        If it is in another encoding.
+    """
+    raw = file.read_bytes()
+    try:
+        marked = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+        return raw.decode("utf-16" if marked else "utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as cause:
+        line = raw[: cause.start].count(b"\n") + 1
+        found = raw[cause.start : cause.start + 1].decode("latin-1")
+        raise InputError(
+            f"{file}, line {line}",
+            f"a byte that is no UTF-8 (in Latin-1 it would be '{found}')",
+            "a text file in UTF-8",
+            "Save it as UTF-8, which every editor offers.",
+        ) from None
 
 
 def parse_study(content: dict[str, Any], path: str = "study") -> StudyFile:

@@ -58,6 +58,14 @@ class NARX(NARXSettings):
             excitations, responses = [excitations], [responses]  # type: ignore[list-item]
         channels = (channels,) if isinstance(channels, str) else tuple(channels)
         records = tuple(excitations)
+        for record in records:
+            if not isinstance(record, Excitation):
+                raise InputError(
+                    "NARX.fit(excitations)",
+                    f"a {type(record).__name__}",
+                    "a ForceHistory, a GroundMotion or another excitation, which know their time step",
+                    "Such as structid.ForceHistory(values, dt).",
+                )
         measured = [np.asarray(r, dtype=np.float64) for r in responses]
         if not records or len(records) != len(measured):
             raise InputError("NARX.fit", f"{len(measured)} responses to {len(records)} excitations", "one to each")
