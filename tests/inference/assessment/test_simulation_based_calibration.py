@@ -33,7 +33,7 @@ def test_independent_noise_of_unknown_variance_is_calibrated(pieces):
     variance = pieces[-1]
     law = si.IID(variance=si.LogNormal(mean=variance, sd=0.3 * variance))
     found = si.sbc(posterior(pieces, law), REPLICAS, seed=1, explorer=EXPLORER)
-    assert found.uniform and found.names == ("stiffness", "gamma_ratio", "sigma2")
+    assert found.uniform and found.names == ("stiffness", "gamma_ratio", "sigma2", "log-likelihood")
     # Within 4 binomial standard deviations.
     for probability in (0.5, 0.9):
         sd = np.sqrt(probability * (1 - probability) / REPLICAS)
@@ -114,7 +114,8 @@ def test_verdicts_of_made_up_ranks():
         return Ranks(("a",), ("",), truth, places, (places < 0).sum(axis=1), 50)
 
     assert ranks(0.0, 1.0).uniform and "So few" not in ranks(0.0, 1.0).verdict
-    few = Ranks(("a",), ("",), truth[:20], draws[:20], np.arange(20)[:, None] * 5 // 2, 50)
+    whole = ranks(0.0, 1.0)
+    few = Ranks(("a",), ("",), truth[:20], whole.draws[:20], whole.ranks[:20], 50)
     assert few.uniform and "So few replicas" in few.verdict and "±13%" in few.verdict
     assert "too narrow" in ranks(0.0, 0.3).verdict
     assert "too wide" in ranks(0.0, 4.0).verdict
@@ -126,3 +127,24 @@ def test_what_cannot_be_checked_is_refused(pieces):
     *_, variance = pieces
     with pytest.raises(InputError, match="20 or more"):
         si.sbc(posterior(pieces, si.IID(variance=variance)), 5)
+
+
+def test_a_likelihood_that_does_not_see_the_data_is_found_out(pieces):
+    """Its posterior is the prior, so that the ranks of every parameter are uniform."""
+    variance = pieces[-1]
+    blind = posterior(pieces, si.IID(variance=1e6 * variance))
+    found = si.sbc(blind, 60, seed=4, explorer=EXPLORER, noise=si.IID(variance=variance))
+    assert (found.p_values[:-1] > 0.01).all() and found.p_values[-1] < 1e-6
+    assert not found.uniform and "log-likelihood of the truth" in found.verdict
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_intervals_that_hold_too_rarely_are_found_out(seed):
+    """Posteriors a fifth too narrow: 90 % intervals hold 81 % of the truths, and the histogram of 200 ranks shows little of it."""
+    rng = np.random.default_rng(seed)
+    truth, draws = rng.normal(size=(400, 1)), 0.78 * rng.normal(size=(400, 300, 1))
+    ranks = (draws < truth[:, None]).sum(axis=1)
+    found = Ranks(("x",), ("",), truth, draws, ranks, 300)
+    assert not found.uniform, str(found)
+    right = Ranks(("x",), ("",), truth, draws / 0.78, ((draws / 0.78) < truth[:, None]).sum(axis=1), 300)
+    assert right.uniform, str(right)

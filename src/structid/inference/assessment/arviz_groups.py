@@ -84,9 +84,18 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
         dims = (f"time{suffix}", f"channel{suffix}")
         coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
 
-        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
+        si_units = ", ".join(observation.si_units)
+
+        def put(
+            group: str,
+            name: str,
+            values: np.ndarray,
+            dims: tuple[str, ...],
+            coords: dict[str, Any],
+            own: str = si_units,
+        ) -> None:
             of_a_channel = name.startswith("y") and group != "log_likelihood"
-            unit = ", ".join(observation.si_units) if of_a_channel else "nat" if group == "log_likelihood" else "SI"
+            unit = own if of_a_channel else "nat" if group == "log_likelihood" else "SI"
             parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords, attrs={"unit": unit})
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)

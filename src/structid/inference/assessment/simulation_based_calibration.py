@@ -40,6 +40,8 @@ EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correl
 """A population for each replica; the replicas are tempered side by side."""
 LEVEL = 0.01
 """Probability that correct ranks are called wrong."""
+LOG_LIKELIHOOD = "log-likelihood"
+"""Name of the last quantity that is ranked."""
 ENOUGH_REPLICAS = 100
 """Fewer replicas reveal only gross mistakes."""
 FEWEST_REPLICAS = 20
@@ -53,12 +55,13 @@ class Ranks:
     Parameters
     ----------
     names, units : tuple of str
-        Parameters and their display units.
-    truth : ndarray, shape (replica, parameter)
-        Drawn from the prior, in SI.
-    draws : ndarray, shape (replica, draw, parameter)
+        Quantities and their display units: the parameters, and last the log-likelihood, which alone shows a likelihood that does
+        not see the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
+    truth : ndarray, shape (replica, quantity)
+        Of parameters drawn from the prior, in SI.
+    draws : ndarray, shape (replica, draw, quantity)
         Of each replica's posterior, in SI.
-    ranks : ndarray, shape (replica, parameter)
+    ranks : ndarray, shape (replica, quantity)
         How many of each replica's last particles lie below the truth.
     particles : int
         Number of those particles: ranks go from 0 to this number.
@@ -73,9 +76,24 @@ class Ranks:
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Probability that uniform ranks come out as uneven as these, by χ² over bins, shape (parameter,)."""
-        counts = self.histogram(self.bins)
-        return np.asarray(scipy.stats.chisquare(counts, axis=1).pvalue)
+        """Probability that a right posterior looks as wrong as this, shape (quantity,).
+
+        The smallest of four, times four: of the ranks' histogram by χ², of their distribution function by Kolmogorov and Smirnov,
+        and of the numbers of 50 and 90 % intervals that hold the truth, which are binomial.
+        """
+        count = len(self.truth)
+        tests = [scipy.stats.chisquare(self.histogram(self.bins), axis=1).pvalue]
+        tests.append([scipy.stats.kstest(column, "uniform").pvalue for column in self._places.T])
+        for probability in (0.5, 0.9):
+            held = np.rint(self.coverage(probability) * count).astype(int)
+            tests.append([scipy.stats.binomtest(int(k), count, probability).pvalue for k in held])
+        return np.minimum(1.0, len(tests) * np.min(tests, axis=0))
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Ranks between 0 and 1, jittered within their whole numbers, (replica, quantity)."""
+        rng = stream(0, Purpose.RANK_JITTER)
+        return np.asarray((self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1))
 
     @property
     def bins(self) -> int:
@@ -92,17 +110,14 @@ class Ranks:
 
         Returns
         -------
-        ndarray, shape (parameter, bin)
-            Replicas in each.
+        ndarray, shape (quantity, bin)
+            Replicas in each. Jittered ranks give equal probability to bins that do not divide the whole numbers evenly.
         """
-        # Ranks are whole numbers. Jittered within theirs, they give equal probability to bins that do not divide them evenly.
-        rng = stream(0, Purpose.RANK_JITTER)
-        place = (self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1)
-        return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in place.T])
+        return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in self._places.T])
 
     @property
     def uniform(self) -> bool:
-        """Whether no parameter's ranks are uneven, at the 1 % level over all of them."""
+        """Whether ranks and intervals of no quantity are wrong, at the 1 % level over all of them."""
         return bool(self.p_values.min() > LEVEL / len(self.names))
 
     def coverage(self, probability: float) -> np.ndarray:
@@ -115,7 +130,7 @@ class Ranks:
 
         Returns
         -------
-        ndarray, shape (parameter,)
+        ndarray, shape (quantity,)
             If all is well, equal to `probability` up to the finite number of replicas.
         """
         tail = 0.5 * (1.0 - probability)
@@ -129,18 +144,28 @@ class Ranks:
         p, name = self.p_values[worst], self.names[worst]
         if self.uniform:
             sentence = (
-                f"Calibrated: the ranks of the truth are uniform in {count} replicas (smallest p = {p:.2g}, of {name})."
+                f"Calibrated: the ranks of the truth are uniform in {count} replicas, and intervals hold it as often as they say "
+                f"(smallest p = {p:.2g}, of {name})."
             )
             if count < ENOUGH_REPLICAS:
                 unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
                 sentence += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
             return sentence
+        of_parameters = [p for own, p in zip(self.names, self.p_values, strict=True) if own != LOG_LIKELIHOOD]
+        if of_parameters and min(of_parameters) <= LEVEL / len(self.names):
+            worst = int(np.argmin(of_parameters))  # a parameter says more of what is wrong
+            p, name = self.p_values[worst], self.names[worst]
+        elif name == LOG_LIKELIHOOD:
+            return (
+                f"NOT CALIBRATED: the log-likelihood of the truth does not lie among those of the draws as it should, in {count} "
+                f"replicas (p = {p:.1g}): the posteriors do not use the data as their likelihood says."
+            )
         # Too sure: the truth is often outside of all draws; too careful: it is hardly ever.
         half = self.coverage(0.5)[worst]
         how = "too narrow" if half < 0.42 else "too wide" if half > 0.58 else "shifted or of another shape"
         return (
-            f"NOT CALIBRATED: the ranks of {name} are uneven in {count} replicas (p = {p:.1g}): its posteriors are {how}. "
-            f"Intervals of 90 % hold the truth in {self.coverage(0.9)[worst]:.0%}."
+            f"NOT CALIBRATED: the posteriors of {name} are {how} in {count} replicas (p = {p:.1g}). Intervals of 50 % hold the "
+            f"truth in {half:.0%}, of 90 % in {self.coverage(0.9)[worst]:.0%}."
         )
 
     def __str__(self) -> str:
@@ -226,12 +251,19 @@ def sbc(
         target, seed, None, [], lambda _index, block: blocks.append(block), progress
     )
     theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)
-    ranks = (theta[-1] < truth[:, None, :]).sum(axis=1)
+    likelihood = np.concatenate([block["likelihood"] for block in blocks])[-len(theta) :]
+    of_truth = target.evaluate_parts(posterior.bijection.inverse(truth))[1]
+    drawn_of_all = np.concatenate([theta, likelihood[..., None]], axis=-1)
+    truth_of_all = np.column_stack([truth, of_truth])
+    ranks = (drawn_of_all[-1] < truth_of_all[:, None, :]).sum(axis=1)
     # Five of the steps: particles of neighbouring ones say the same.
-    some = theta[:: max(1, explorer.steps // 5)].transpose(1, 0, 2, 3).reshape(replicas, -1, posterior.dimension)
-    return Ranks(
-        posterior.names, tuple(posterior.units.values()), truth, some, ranks, explorer.particles
-    )  # fmt: skip
+    some = (
+        drawn_of_all[:: max(1, explorer.steps // 5)]
+        .transpose(1, 0, 2, 3)
+        .reshape(replicas, -1, len(posterior.names) + 1)
+    )
+    names, units = (*posterior.names, LOG_LIKELIHOOD), (*posterior.units.values(), "")
+    return Ranks(names, units, truth_of_all, some, ranks, explorer.particles)
 
 
 def _simulated(
