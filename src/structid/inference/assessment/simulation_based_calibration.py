@@ -87,7 +87,7 @@ class Ranks:
         for probability in (0.5, 0.9):
             held = np.rint(self.coverage(probability) * count).astype(int)
             tests.append([scipy.stats.binomtest(int(k), count, probability).pvalue for k in held])
-        return np.minimum(1.0, len(tests) * np.min(tests, axis=0))
+        return np.asarray(np.minimum(1.0, len(tests) * np.min(tests, axis=0)))
 
     @cached_property
     def _places(self) -> np.ndarray:
