@@ -36,7 +36,7 @@ def main(steps: int = 3000) -> si.SamplingResult:
         ensembles=4,
         differential_evolution=0.8,
         start_candidates=10,
-        settling_steps=min(500, steps // 2),
+        settling_steps=min(500, steps // 4),
     )
     result = si.sample(posterior, sampler, seed=1)
     print(result.summary())

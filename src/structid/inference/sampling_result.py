@@ -296,7 +296,9 @@ class SamplingResult:
     def _unexplained(self) -> float:
         if self._measured is None:
             return float("nan")
-        return predictive.unexplained_fraction(self._measured, self.map_estimate)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
+            return predictive.unexplained_fraction(self._measured, self.map_estimate)
 
     def _warnings(self, unexplained: float) -> list[str]:
         """What the reader must know of the draws; of an unconverged run, only what may be wrong with the sampling."""

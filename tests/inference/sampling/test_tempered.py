@@ -247,7 +247,7 @@ def test_on_a_posterior_it_agrees_with_the_ensemble():
     y = model.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
     posterior = si.Posterior(space, model, si.Observation(record, y + 0.3 * y.std() * rng.normal(size=y.shape)))
     tempered = si.sample(posterior, SMALL, seed=1)
-    ensemble = si.sample(posterior, si.AIES(walkers=60, steps=800, start_candidates=10, settling_steps=300), seed=2)
+    ensemble = si.sample(posterior, si.AIES(walkers=60, steps=1200, start_candidates=10, settling_steps=300), seed=2)
     assert (np.abs(tempered.mean - ensemble.mean) < 0.1 * ensemble.sd).all()
     np.testing.assert_allclose(tempered.sd, ensemble.sd, rtol=0.12)
     tree = tempered.to_datatree(predictions=False)
