@@ -46,4 +46,4 @@ def test_results_in_a_notebook_and_as_tables(short_posterior):
     tree = result.to_datatree()
     for group in ("observed_data", "posterior_predictive"):
         assert tree[group]["y"].attrs["unit"] == "m/s" and tree[group].attrs["inference_library"] == "structid"
-    assert tree["log_likelihood"]["y"].attrs["unit"] == "nat"
+    assert "unit" not in tree["log_likelihood"]["y"].attrs

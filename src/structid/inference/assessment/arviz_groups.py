@@ -84,19 +84,8 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
         dims = (f"time{suffix}", f"channel{suffix}")
         coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
 
-        si_units = ", ".join(observation.si_units)
-
-        def put(
-            group: str,
-            name: str,
-            values: np.ndarray,
-            dims: tuple[str, ...],
-            coords: dict[str, Any],
-            own: str = si_units,
-        ) -> None:
-            of_a_channel = name.startswith("y") and group != "log_likelihood"
-            unit = own if of_a_channel else "nat" if group == "log_likelihood" else "SI"
-            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords, attrs={"unit": unit})
+        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)
         put(
@@ -129,8 +118,20 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
                 every,
                 coords | draws,
             )
+    for group, variables in parts.items():
+        if group != "log_likelihood":
+            _declare_units(variables, posterior)
     attributes = {"inference_library": "structid", "excitation": [o.record.name for o in posterior.observations]}
     return groups | {group: xarray.Dataset(variables, attrs=attributes) for group, variables in parts.items()}
+
+
+def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
+    """Put the SI unit into every variable: of its channels, or of what drove them."""
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        for name, unit in ((f"y{suffix}", ", ".join(observation.si_units)), (f"excitation{suffix}", "SI")):
+            if name in variables:
+                variables[name].attrs["unit"] = unit
 
 
 def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
