@@ -238,7 +238,7 @@ def main() -> None:
         warnings.simplefilter("ignore")
         ranks, rightly, wrong = sbc_rows(replicas), right_model_rows(right), wrong_model_rows(records)
     heads = [
-        "noise and likelihood", "ranks", "smallest p of three", "50 % intervals hold", "90 % intervals hold", "seconds", "limit",
+        "noise and likelihood", "ranks", "smallest p of four", "50 % intervals hold", "90 % intervals hold", "seconds", "limit",
     ]  # fmt: skip
     wrong_heads = [
         "left out: law", *(f"{name}: scatter/sd (shown sd on another record)" for name in space().names), "log evidence", "chosen",
