@@ -14,7 +14,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.inference.assessment.parameter_drift import ParameterDrift, parameter_drift
+from structid.inference.assessment.parameter_drift import drift_of
 from structid.inference.assessment.prediction import predict
 
 NAME = "honesty"
@@ -147,10 +147,7 @@ class Found:
         self.means.append(result.mean[:3])
         self.sds.append(result.sd[:3])
         posterior = result.target
-        if posterior.law.inside:
-            drift = ParameterDrift.sampled(posterior, result.flat)
-        else:
-            drift = parameter_drift(posterior, result.map_estimate)
+        drift = drift_of(posterior, result.flat, result.map_estimate)
         self.elsewhere.append(drift.widened(result.sd)[:3])
         self.evidence.append(result.log_evidence.value)
         prediction = predict(posterior, result.thinned(400), other, seed=result.seed, drift=drift)

@@ -20,7 +20,7 @@ from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status
 from structid.inference.assessment.certificate import Certificate, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
-from structid.inference.law_choice import LawChoice, choose_among
+from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
@@ -41,9 +41,6 @@ SCHEMA = 5
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
-
-AUTO = "auto"
-"""In place of a law of the errors: the data choose it."""
 
 LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
@@ -296,10 +293,8 @@ class _Loop:
 
     def _choose_law(self, surrogate: Surrogate) -> bool:
         """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
-        folder, seed = (
-            None if self.folder is None else self.folder / LAWS_FOLDER,
-            derived_seed(self.seed, Purpose.LAW_CHOICE),
-        )
+        folder = None if self.folder is None else self.folder / LAWS_FOLDER
+        seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
         told = self._told("choosing the law of the errors")
         self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=told, store=folder)
         self.posterior = self.posterior.on(law=self.choice.posterior.law)

@@ -59,7 +59,7 @@ def run_on_screen(
         for question in plausibility(built).questions:
             screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
     try:
-        outcome = run_study(study, out, resume, stage, executor, retry, adopt)
+        outcome = run_study(study, out, resume, stage, executor, retry, adopt, built)
     except KeyboardInterrupt:
         errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
         raise typer.Exit(FAILED) from None

@@ -26,6 +26,9 @@ from structid.notebook import ShownAsText
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed
 
+AUTO = "auto"
+"""In place of a law of the errors: the data choose it."""
+
 EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4)
 """Particles under each law."""
 

@@ -24,7 +24,7 @@ from structid.inference.assessment.diagnostics import (
 )
 from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
-from structid.inference.assessment.parameter_drift import ParameterDrift, parameter_drift
+from structid.inference.assessment.parameter_drift import ParameterDrift, drift_of
 from structid.inference.assessment.prior_warnings import prior_warnings
 from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
@@ -237,11 +237,9 @@ class SamplingResult:
         posterior = self._measured
         if posterior is None or posterior.costs_runs or self._convergence[1]:
             return None
-        if posterior.law.inside:
-            return ParameterDrift.sampled(posterior, self.flat)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)
-            return parameter_drift(posterior, self.map_estimate)
+            return drift_of(posterior, self.flat, self.map_estimate)
 
     @cached_property
     def residuals(self) -> tuple[WhitenedResidual, ...]:

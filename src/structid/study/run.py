@@ -90,6 +90,7 @@ def run_study(
     executor: Any = None,
     retry: bool = False,
     adopt: bool = False,
+    built: BuiltStudy | None = None,
 ) -> StudyOutcome:
     """Run a study.
 
@@ -109,6 +110,8 @@ def run_study(
         Repeat runs of the campaign that failed before.
     adopt : bool
         Keep the campaign's runs of another version of the model; see `Campaign.run`.
+    built : BuiltStudy, optional
+        What `load` made of the file, where that was done already.
 
     Returns
     -------
@@ -120,7 +123,7 @@ def run_study(
     InputError
         If the file is wrong, or the folder holds something else; nothing is written then.
     """
-    study = load(path)
+    study = load(path) if built is None else built
     folder = Path(out)
     with kept_open(study.model, executor) as workers:  # a missing executor is reported before a folder is taken
         claim(folder, study, Path(path), resume or retry or adopt, adopt)

@@ -128,6 +128,26 @@ class ParameterDrift:
         return np.concatenate([np.clip(own, low, high), theta[:, count:]], axis=1)
 
 
+def drift_of(posterior: Posterior, draws: np.ndarray, fit: np.ndarray) -> ParameterDrift | None:
+    """Give the drift as the law itself has it, or as it is estimated from what a fit leaves.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        That was sampled.
+    draws : ndarray, shape (draw, parameter)
+        Of it, in SI.
+    fit : ndarray, shape (parameter,)
+        The fit in SI, such as the MAP estimate.
+
+    Returns
+    -------
+    ParameterDrift or None
+        See `ParameterDrift.sampled` and `parameter_drift`.
+    """
+    return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
+
+
 def parameter_drift(posterior: Posterior, theta: np.ndarray, spans: int = SPANS) -> ParameterDrift | None:
     """Estimate how far the parameters drift, to first order about a fit.
 

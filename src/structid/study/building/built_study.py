@@ -9,13 +9,13 @@ from typing import Any
 from structid.calibration.plan import Plan
 from structid.errors import InputError, suggestion
 from structid.ground_motion.record import GroundMotion
+from structid.inference.law_choice import AUTO
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Sampler
 from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.space import Design, ParameterSpace
 from structid.study.building.named_kind import kind_named
-from structid.study.schema.kinds import AUTO
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates import registry
 from structid.surrogates.kind import SurrogateKind

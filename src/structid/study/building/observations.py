@@ -12,6 +12,7 @@ from structid.channels import standard_unit
 from structid.errors import InputError, within
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
+from structid.inference.law_choice import AUTO
 from structid.inference.likelihood import law_list
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.independent import IID
@@ -22,7 +23,6 @@ from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
-from structid.study.schema.kinds import AUTO
 from structid.study.schema.static_tables import ObservationSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
 from structid.units import si_unit, to_si

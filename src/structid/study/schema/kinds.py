@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal, Union
 
 from pydantic import Field, create_model, model_validator
 
+from structid.inference.law_choice import AUTO
 from structid.inference.likelihood.law_kind import LawKind
 from structid.inference.sampling.sampler_list import SamplerKind
 from structid.keys import Section
@@ -27,10 +28,6 @@ class SurrogateSection(Section):
     outside: Literal["warn", "refuse", "allow"] | None = None
     trust: bool = False
     model_error: bool = False
-
-
-AUTO = "auto"
-"""Kind of a discrepancy that the data choose."""
 
 
 class DiscrepancySection(Section):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from structid.calibration.sequential import AUTO, calibrate
+from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
+from structid.inference.law_choice import AUTO
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 from structid.study.timings import StagesAsTold
