@@ -42,7 +42,9 @@ class Plan:
     certificate: int = 200
     widen: float = 2.0
     limits: Limits = field(default_factory=Limits)
-    explorer: SMC = field(default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5))
+    explorer: SMC = field(
+        default_factory=lambda: SMC(particles=250, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
+    )
 
     def __post_init__(self) -> None:
         for name, least in (("start", 10), ("batch", 5), ("certificate", 50)):

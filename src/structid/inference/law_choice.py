@@ -29,7 +29,7 @@ from structid.streams import Purpose, derived_seed
 AUTO = "auto"
 """In place of a law of the errors: the data choose it."""
 
-EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4)
+EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
 """Particles under each law."""
 
 ERRORS_APART = 2.0

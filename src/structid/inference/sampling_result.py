@@ -15,13 +15,7 @@ import numpy as np
 from structid.errors import InputError, StructidWarning
 from structid.inference.assessment import prediction as predictive
 from structid.inference.assessment.arviz_groups import groups_of_draws, groups_of_measurement
-from structid.inference.assessment.diagnostics import (
-    Verdict,
-    convergence_failures,
-    disagreements,
-    parameter_diagnostics,
-    stuck_walkers,
-)
+from structid.inference.assessment.diagnostics import parameter_diagnostics, stuck_walkers
 from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
 from structid.inference.assessment.parameter_drift import ParameterDrift, drift_of
@@ -29,6 +23,7 @@ from structid.inference.assessment.prior_warnings import prior_warnings
 from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
 from structid.inference.assessment.summary import Summary
+from structid.inference.assessment.verdict import Verdict, convergence_failures, disagreements, unrest
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
@@ -258,6 +253,8 @@ class SamplingResult:
         if sampler.starts_elsewhere:
             stuck = int(stuck_walkers(self.accepted[kept], self.coordinate_log_density[kept]).sum())
         failures = convergence_failures(self._diagnostics, length, sampler.ensembles, stuck, sampler.needed_length)
+        if not sampler.starts_elsewhere:
+            failures += unrest(self.names, self.kept, self.coordinate_log_density[kept])
         if self.beside is not None:
             failures += disagreements(self.names, self.kept, self.beside)
         return stuck, failures

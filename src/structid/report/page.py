@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from structid.inference.assessment.diagnostics import Verdict
+from structid.inference.assessment.verdict import Verdict
 from structid.journal import write_then_rename
 from structid.models.face import Progress
 from structid.report import section_list

@@ -1,34 +1,18 @@
-"""Has it converged? Autocorrelation time, effective sample size, R-hat over independent ensembles, stuck walkers."""
+"""Figures of convergence: autocorrelation time, effective sample size, R-hat over independent ensembles, stuck walkers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from structid.notebook import ShownAsText
-
-R_HAT_LIMIT = 1.01
-"""Largest R-hat of a converged run (Vehtari et al. 2021)."""
-EFFECTIVE_SIZE_LIMIT = 400
-"""Smallest bulk and tail effective sample size of a converged run."""
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
 """Smallest number of steps searched for walkers that end far below the others."""
 FEWEST_MOVES = 50
 """A walker is judged by its acceptance only if the median walker has at least this many accepted moves."""
-BOUND_WIDTH = 0.02
-"""The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
-BOUND_MASS = 0.2
-"""A marginal is said to sit on the bound if it has at least this posterior mass in that strip."""
-TAILS = (0.01, 0.99)
-"""Quantiles beyond which draws are compared with an independent population."""
-ERRORS_APART = 5.0
-"""Standard errors by which they may differ: the largest of some dozens of comparisons."""
-TAIL_PROBABILITY = 1e-3
-"""A posterior median beyond this prior probability says that prior and data disagree."""
 
 
 def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
@@ -276,154 +260,3 @@ def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
     """
     bulk, tail = bulk_and_tail_size(draws)
     return ParameterDiagnostics(r_hat(draws), longest_time(draws), bulk, tail)
-
-
-@dataclass(frozen=True)
-class Verdict(ShownAsText):
-    """Whether a run may be believed, and why not.
-
-    Parameters
-    ----------
-    converged : bool
-        True only if nothing in `failures` was found.
-    failures : tuple of str
-        What speaks against convergence, one sentence each.
-    warnings : tuple of str
-        What the reader must know besides convergence.
-    wrong_model : tuple of str
-        What speaks against the model; not judged before the run has converged.
-    wrong_law : tuple of str
-        What speaks against the law of the errors; likewise.
-    parameters : dict of str to ParameterDiagnostics
-        The figures behind it.
-    acceptance : ndarray, shape (ensemble, walker)
-        Acceptance rate over the kept steps.
-    stuck : int
-        Number of stuck walkers.
-    failed_simulations : int
-        Simulations within the prior's support that failed; they count as −inf.
-    unexplained : float
-        Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement.
-    kept_steps : int
-        Steps kept after the start was dropped.
-    needed_length : float
-        Number of autocorrelation times that these steps must span: many for a chain, few for a large population.
-    """
-
-    converged: bool
-    failures: tuple[str, ...]
-    warnings: tuple[str, ...]
-    parameters: dict[str, ParameterDiagnostics] = field(repr=False)
-    acceptance: np.ndarray = field(repr=False)
-    stuck: int
-    failed_simulations: int
-    unexplained: float
-    kept_steps: int
-    needed_length: float
-    wrong_model: tuple[str, ...] = ()
-    wrong_law: tuple[str, ...] = ()
-
-    @property
-    def doubt(self) -> str:
-        """What is wrong with model or law, as a heading; empty where nothing speaks against them."""
-        if self.wrong_model:
-            return "The model is wrong for these data"
-        return "The errors are not what their law says" if self.wrong_law else ""
-
-    def __str__(self) -> str:
-        head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
-        lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
-        if not self.converged:
-            lines.append("  Priors, model and law of the errors are judged once the run has converged.")
-        if self.doubt:
-            lines += [self.doubt.upper(), *(f"  - {said}" for said in (*self.wrong_model, *self.wrong_law))]
-        return "\n".join(lines)
-
-
-def convergence_failures(
-    parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int, needed_length: float
-) -> list[str]:
-    """What speaks against convergence.
-
-    Parameters
-    ----------
-    parameters : dict of str to ParameterDiagnostics
-        The figures.
-    kept_steps, ensembles, stuck : int
-        Kept steps, independent ensembles, stuck walkers.
-    needed_length : float
-        Number of autocorrelation times that the kept steps of a converged run must span.
-
-    Returns
-    -------
-    list of str
-        A sentence for each failure; empty if converged.
-    """
-    failures: list[str] = []
-    if ensembles < 2:
-        failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
-    else:
-        name, worst = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].r_hat, nan=np.inf))
-        if not worst.r_hat < R_HAT_LIMIT:
-            failures.append(f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree")
-    name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
-    if not kept_steps >= needed_length * slowest.autocorrelation_time:
-        failures.append(
-            f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.2g} autocorrelation times of {name} "
-            f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
-        )
-    for kind in ("bulk", "tail"):
-        sizes = {n: getattr(p, f"{kind}_size") for n, p in parameters.items()}
-        name = min(sizes, key=lambda n: np.nan_to_num(sizes[n], nan=-np.inf))
-        if not sizes[name] >= EFFECTIVE_SIZE_LIMIT:
-            failures.append(
-                f"{kind} effective sample size of {name} is {sizes[name]:.0f}, below {EFFECTIVE_SIZE_LIMIT}"
-            )
-    if stuck:
-        failures.append(f"{stuck} stuck walker{'s' if stuck > 1 else ''}: they never joined the others")
-    return failures
-
-
-def disagreements(names: tuple[str, ...], draws: np.ndarray, beside: np.ndarray) -> list[str]:
-    """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
-
-    A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The parameters.
-    draws, beside : ndarray, shape (step, ensemble, walker, parameter)
-        Kept draws of both.
-
-    Returns
-    -------
-    list of str
-        A sentence for the quantity in which they differ most, if it is by more than five standard errors; else empty.
-    """
-    found = []
-    for place, name in enumerate(names):
-        ours, theirs = draws[..., place], beside[..., place]
-        gap = _errors_apart(ours, theirs)
-        found.append((gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere"))
-        for probability, edge in zip(TAILS, np.quantile(ours, TAILS), strict=True):
-            beyond = [(x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (ours, theirs)]
-            found.append(
-                (
-                    _errors_apart(*beyond),
-                    f"beyond the {probability:.0%} quantile of {name} lie {beyond[1].mean():.1%} of an independent population: the "
-                    "chains do not go far enough into the tail, or the population too far",
-                )
-            )
-    gap, sentence = max(found)
-    return [sentence] if gap > ERRORS_APART else []
-
-
-def _errors_apart(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Difference of two means in combined standard errors; each error the larger of two, by sample size and by the ensembles."""
-    variance = 0.0
-    for x in (ours, theirs):
-        of_ensembles = x.mean(axis=(0, 2))
-        by_size = x.var() / max(effective_sample_size(x), 1.0) if np.ptp(x) else 0.0
-        variance += max(by_size, of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0)
-    return float(abs(ours.mean() - theirs.mean()) / np.sqrt(variance)) if variance > 0.0 else 0.0

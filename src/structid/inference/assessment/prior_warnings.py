@@ -4,9 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.inference.assessment.diagnostics import BOUND_MASS, BOUND_WIDTH, TAIL_PROBABILITY
 from structid.probability.space import ParameterSpace
 
+BOUND_WIDTH = 0.02
+"""The strip along a prior bound, as a fraction of the range between the prior's 5 and 95 % quantiles."""
+BOUND_MASS = 0.2
+"""A marginal is said to sit on the bound if it has at least this posterior mass in that strip."""
+TAIL_PROBABILITY = 1e-3
+"""A posterior median beyond this prior probability says that prior and data disagree."""
 AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
 """A bound cuts a marginal that has at least this mass within so many posterior standard deviations of it."""
 

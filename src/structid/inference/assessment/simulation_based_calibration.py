@@ -247,7 +247,7 @@ def sbc(
     truth, values = _simulated(posterior, replicas, seed, simulator, noise)
     target = ReplicatedPosterior(posterior, values)
     blocks: list[Block] = []
-    drawn = replace(explorer, ensembles=replicas).run(
+    drawn = replace(explorer, ensembles=replicas, scouts=0).run(
         target, seed, None, [], lambda _index, block: blocks.append(block), progress
     )
     theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)

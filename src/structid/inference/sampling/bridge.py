@@ -45,10 +45,11 @@ def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) ->
             # If each stage correlates by ρ with the next, the variance of their sum is (1 + ρ) / (1 − ρ) times that of
             # independent ones.
             variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
-    # log Z = ∫ ⟨log L⟩ dβ (thermodynamic integration): what mean log-likelihoods lack, log Z lacks.
-    lacking = scipy.integrate.trapezoid(
-        rise * (left / (1.0 - left))[:, None], [stage.exponent for stage in stages], axis=0
-    )
+    # log Z = ∫ ⟨log L⟩ dβ = ∫ β ⟨log L⟩ d log β (thermodynamic integration): what mean log-likelihoods lack, log Z lacks. The
+    # first exponents lie decades apart, where ⟨log L⟩ falls like 1/β.
+    exponent = np.array([stage.exponent for stage in stages])[1:]
+    lacked = rise[1:] * (exponent * left[1:] / (1.0 - left[1:]))[:, None]
+    lacking = lacked[0] + scipy.integrate.trapezoid(lacked, np.log(exponent), axis=0)
     return Evidence.of_populations(each, variance, lacking)
 
 

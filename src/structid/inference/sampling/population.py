@@ -116,8 +116,8 @@ def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.n
     return prior + exponent * likelihood if exponent > 0.0 else prior
 
 
-def starting_population(settings: PopulationSettings, target: Target, seed: int) -> Population:
-    """Draw particles from the prior.
+def starting_population(settings: PopulationSettings, target: Target, seed: int, index: int = 0) -> Population:
+    """Draw particles from the prior, or from what stands in its place.
 
     Parameters
     ----------
@@ -127,6 +127,8 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int)
         With the prior.
     seed : int
         Seed.
+    index : int
+        0 for the first start, 1 for a second.
 
     Returns
     -------
@@ -134,7 +136,7 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int)
         At β = 0.
     """
     shape = (settings.ensembles, settings.particles)
-    phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, 0))
+    phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, index))
     prior, likelihood, _ = target.evaluate_parts(phi)
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(

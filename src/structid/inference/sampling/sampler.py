@@ -35,11 +35,18 @@ class Evidence:
         Its standard error.
     each : ndarray, shape (population,)
         log Z of independent populations.
+    smallest_basin : float
+        Share of the prior in the basin of a mode (from where a way uphill leads to it) from which on the mode is found with a
+        probability of 95 %. Modes with smaller basins may be missing in Z. NaN where none were searched for.
+    at_rest : bool
+        Whether the particles had come to rest. Where they had not, Z lacks what they had not reached, and the error does not know.
     """
 
     value: float
     error: float
     each: np.ndarray
+    smallest_basin: float = float("nan")
+    at_rest: bool = True
 
     @classmethod
     def of_populations(cls, each: np.ndarray, variance: np.ndarray, lacking: np.ndarray) -> Evidence:
@@ -68,7 +75,15 @@ class Evidence:
         return cls(value, float(error), each)
 
     def __str__(self) -> str:
-        return f"log evidence {self.value:.2f} ± {self.error:.2f}"
+        said = f"log evidence {self.value:.2f} ± {self.error:.2f}"
+        if not self.at_rest:
+            return f"{said}, without what the particles have not reached: they are not at rest"
+        return said if np.isnan(self.smallest_basin) else f"{said} ({self.reach})"
+
+    @property
+    def reach(self) -> str:
+        """Which modes are in it."""
+        return f"of the modes whose basin holds {100 * self.smallest_basin:.2g} % of the prior or more"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from structid.inference.sampling.sampler import Block
 from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 
-EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5)
+EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
 """Finds where a posterior is, starting from the prior, in stages."""
 START_EXPONENT = 0.5
 """Of the likelihood. The draws are wider than the posterior, so that R-hat has something to find."""

@@ -8,18 +8,23 @@ is on disk before the next.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
 from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.sampling.bridge import evidence_of
+from structid.inference.sampling.modes import lost_modes
+from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.population import Population, block_of, run_moves, run_stage, starting_population
+from structid.inference.sampling.reference import FromReference
+from structid.inference.sampling.rest import still_moving
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
     Block,
     Drawn,
+    Evidence,
     Keep,
     Sampler,
     block_lengths,
@@ -32,6 +37,10 @@ from structid.streams import Purpose, stream
 
 MOST_STAGES = 200
 """Stages after which the tempering is given up."""
+NEGLIGIBLE = 1e-3
+"""Mass of a lost mode, as a share of what was found, for which particles do not begin again."""
+MORE_BY = 3.0
+"""Standard errors by which a second tempering's evidence must exceed the first's to be believed in its place."""
 
 
 @names_checked
@@ -66,6 +75,9 @@ class SMC(Sampler):
         saves these moves.
     differential_evolution : float
         Fraction of the other moves that are differential-evolution moves instead of stretch moves.
+    scouts : int
+        Draws of the prior for each particle, from which modes are searched that the particles have lost. If one is found, they
+        begin again, around all known modes. 0 to leave it out.
     """
 
     particles: int = 1000
@@ -78,6 +90,7 @@ class SMC(Sampler):
     stretch: float = 2.0
     independent: float = 0.6
     differential_evolution: float = 0.5
+    scouts: int = 1
 
     discard = 0.0  # no field: there is no start to forget
     # Particles begin where the posterior is. In one τ, those that were copied from one another have separated.
@@ -85,7 +98,8 @@ class SMC(Sampler):
     starts_elsewhere: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        for name, least in (("particles", 4), ("ensembles", 1), ("steps", 1), ("least_moves", 1), ("most_moves", 1)):
+        counts = {"particles": 4, "ensembles": 1, "steps": 1, "least_moves": 1, "most_moves": 1, "scouts": 0}
+        for name, least in counts.items():
             value = getattr(self, name)
             if not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"SMC.{name}", f"{value!r}", f"a whole number, {least} or more")
@@ -157,8 +171,12 @@ class SMC(Sampler):
         self._refuse(target, start)
         blocks = _without_cut_off(blocks, self.steps)
         self._to_the_posterior(target, seed, blocks, keep, progress)
+        if self._may_have_lost(blocks):
+            reference = self._around_lost_modes(target, seed, blocks)
+            if reference is not None:
+                self._to_the_posterior(reference, seed, blocks, keep, progress, again=True)
         self._in_the_posterior(target, seed, blocks, keep, progress)
-        return _drawn(blocks, self.steps)
+        return self._drawn(blocks)
 
     def _refuse(self, target: Target, start: np.ndarray | None) -> None:
         """Refuse what these particles cannot do."""
@@ -174,58 +192,107 @@ class SMC(Sampler):
             )
 
     def _to_the_posterior(
-        self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
+        self,
+        target: Target,
+        seed: int,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None,
+        again: bool = False,
     ) -> None:
-        """Append a block for each stage until β = 1."""
-        if not blocks:
-            blocks.append(block_of([starting_population(self, target, seed)], [], []))
-            keep(0, blocks[0])
-        population = Population.of(blocks[-1])
-        while population.exponent < 1.0:
+        """Append a block for each stage until β = 1; `again` for a second tempering, which begins elsewhere."""
+        temperings, _ = _divided(blocks)
+        if len(temperings) <= again:
+            population = starting_population(self, target, seed, int(again))
+            self._append(block_of([population], [], []), blocks, keep)
+        population, first = Population.of(blocks[-1]), len(_divided(blocks)[0][0]) if again else 0
+        while population.exponent < 1.0 and len(_divided(blocks)[0]) == 1 + again:
             number = len(blocks)
-            if number == MOST_STAGES:
+            if number - first == MOST_STAGES:
                 raise ConvergenceError(
                     f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} stages. Check the "
                     "likelihood: it is finite almost nowhere, or far too narrow for these particles."
                 )
             population, block = run_stage(self, target, population, stream(seed, Purpose.SMC_STAGE, number))
-            keep(number, block)
-            blocks.append(block)
+            self._append(block, blocks, keep)
             if progress is not None:
                 progress(int(50 * min(1.0, max(0.0, 1 + np.log10(population.exponent) / 6))), 100)
+
+    @staticmethod
+    def _append(block: Block, blocks: list[Block], keep: Keep) -> None:
+        """Put a block on disk and among the others."""
+        keep(len(blocks), block)
+        blocks.append(block)
+
+    def _may_have_lost(self, blocks: list[Block]) -> bool:
+        """Whether lost modes are still to be searched for: after the first tempering, and while a second is under way."""
+        temperings, moves = _divided(blocks)
+        return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
+
+    def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
+        """A law around known and lost modes to begin from again; None if none of any weight is lost."""
+        stages, _ = _divided(blocks)
+        end = Population.of(stages[0][-1])
+        scouts = target.initial(self.scouts * self.ensembles * self.particles, stream(seed, Purpose.SMC_SCOUTS))
+        particles = end.phi.reshape(-1, target.dimension), end.log_density.ravel()
+        least = _evidence(stages[0]).value + np.log(NEGLIGIBLE)
+        modes = [mode for mode in lost_modes(target, *particles, scouts) if mode.log_mass > least]
+        return FromReference(target, EnsembleState(end.phi, end.log_density), modes) if modes else None
 
     def _in_the_posterior(
         self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
     ) -> None:
         """Append the blocks of the moves at β = 1."""
-        population = Population.of(blocks[-1])
-        first = sum(b["exponent"][-1] < 1.0 for b in blocks) + 1  # blocks before those of moves alone
+        temperings, moves = _divided(blocks)
+        population = Population.of(moves[-1] if moves else _fullest(temperings)[0][-1])
         for index, length in enumerate(block_lengths(self.steps)):
-            if first + index < len(blocks):
+            if index < len(moves):
                 continue
             population, block = run_moves(self, target, population, stream(seed, Purpose.SMC_MOVES, index), length)
-            keep(first + index, block)
-            blocks.append(block)
+            self._append(block, blocks, keep)
             if progress is not None:
                 progress(50 + 50 * min((index + 1) * BLOCK_STEPS, self.steps) // self.steps, 100)
+
+    def _drawn(self, blocks: list[Block]) -> Drawn:
+        """Draws at β = 1, and the evidence."""
+        temperings, moves = _divided(blocks)
+        kept = joined(moves, self.steps)
+        evidence = replace(
+            _fullest(temperings)[1],
+            smallest_basin=3.0 / (self.scouts * self.ensembles * self.particles) if self.scouts else float("nan"),
+            at_rest=not still_moving(np.concatenate([kept["phi"], kept["log_density"][..., None]], axis=-1)),
+        )
+        failed = int(sum(b["failed"].sum() for b in blocks))
+        return Drawn(kept["phi"], kept["log_density"], kept["accepted"], failed, evidence)
+
+
+def _divided(blocks: list[Block]) -> tuple[list[list[Block]], list[Block]]:
+    """The blocks of each tempering, which begins at β = 0, and those of the moves at β = 1 that follow the last."""
+    temperings: list[list[Block]] = []
+    for place, block in enumerate(blocks):
+        if block["exponent"][0] == 0.0:
+            temperings.append([])
+        elif blocks[place - 1]["exponent"][-1] == 1.0:
+            return temperings, blocks[place:]
+        temperings[-1].append(block)
+    return temperings, []
+
+
+def _evidence(stages: list[Block]) -> Evidence:
+    """Evidence of a tempering."""
+    arrays = (np.concatenate([b[name] for b in stages]) for name in ("rise", "left"))
+    return evidence_of([Population.of(b) for b in stages], *arrays)
+
+
+def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
+    """The tempering to believe: the second if it has found more than the first, for what is lost is lacking in the evidence."""
+    found = [(stages, _evidence(stages)) for stages in temperings]
+    first, last = found[0], found[-1]
+    more = last[1].value - first[1].value
+    return last if more > MORE_BY * np.hypot(first[1].error, last[1].error) else first
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
     """The blocks of the stages, and those of the later moves that a run of this many steps completes."""
-    stages = next((i + 1 for i, b in enumerate(blocks) if b["exponent"][-1] == 1.0), len(blocks))
-    return blocks[:stages] + without_cut_off(blocks[stages:], list(block_lengths(steps)))
-
-
-def _drawn(blocks: list[Block], steps: int) -> Drawn:
-    stages = [b for b in blocks if b["exponent"][0] < 1.0]
-    stages = blocks[: len(stages) + 1]  # and the one that reached β = 1
-    kept = joined(blocks[len(stages) :], steps)
-    return Drawn(
-        kept["phi"],
-        kept["log_density"],
-        kept["accepted"],
-        int(sum(b["failed"].sum() for b in blocks)),
-        evidence_of(
-            [Population.of(b) for b in stages], *(np.concatenate([b[n] for b in stages]) for n in ("rise", "left"))
-        ),
-    )
+    temperings, moves = _divided(blocks)
+    return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))

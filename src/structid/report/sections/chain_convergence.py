@@ -7,7 +7,7 @@ from pathlib import Path
 
 from structid.figures import posterior as figures
 from structid.figures.style import pretty
-from structid.inference.assessment.diagnostics import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
+from structid.inference.assessment.verdict import EFFECTIVE_SIZE_LIMIT, R_HAT_LIMIT
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Rows, Section, Table
 

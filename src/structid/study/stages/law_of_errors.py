@@ -11,7 +11,9 @@ from structid.study.building.samplers import build_sampler
 from structid.study.folder import LAWS
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
-WITH_HIDDEN_VALUES = SMC(particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2)
+WITH_HIDDEN_VALUES = SMC(
+    particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2, scouts=0
+)
 """Sampler of a study that names none, where parameters drift: the values at the knots are tens of further parameters."""
 
 

@@ -1,0 +1,229 @@
+"""Modes that particles have lost, searched for from draws of the prior.
+
+While the exponent is small, a narrow mode holds few particles or none, whatever its mass in the end: of two Gaussian modes of
+widths s₁ < s₂ in d dimensions, the narrow one begins with a share of about (s₁/s₂)^d. Once it has lost its last particle, all
+populations agree without it. A search by steepest ascent does not compete for particles. It finds a mode if it begins in its basin.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from structid.inference.target import Target
+
+VALLEY = 1.0
+"""Fall of the log density, on the way from a point to another, from which on a valley lies between them."""
+PLACES = (0.0, 0.02, 0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.0)
+"""Where the way between two points is looked at: close to its beginning too, where the slope shows in whose basin it is."""
+NEIGHBOURS = 10
+"""Particles to which the way from the end of a search is looked at."""
+SEARCHES = 8
+"""Searches in a round."""
+ROUNDS = 4
+"""Rounds of searches at most: a bent posterior has valleys on straight ways, and no other mode."""
+LENGTHS = (0.25, 0.5, 1.0, 2.0)
+"""Of steps uphill: in lengths at which a parabola would have its maximum."""
+STEP = 1e-5
+"""Of finite differences, in unconstrained coordinates."""
+WIDEST = 10.0
+"""Largest standard deviation that a mode's curvature may give, in unconstrained coordinates."""
+
+
+class Mode(NamedTuple):
+    """A local maximum of a density, and the Gaussian law that touches it (Laplace's approximation).
+
+    Parameters
+    ----------
+    middle : ndarray, shape (parameter,)
+        Where it is, in unconstrained coordinates.
+    log_density : float
+        There.
+    factor : ndarray, shape (parameter, parameter)
+        Cholesky factor of the covariance, the inverse of the density's curvature.
+    """
+
+    middle: np.ndarray
+    log_density: float
+    factor: np.ndarray
+
+    @property
+    def log_mass(self) -> float:
+        """Log ∫ π over the mode: log π + (d/2) log 2π + ½ log det Σ."""
+        spread = np.log(np.diag(self.factor)).sum()
+        return float(self.log_density + 0.5 * len(self.middle) * np.log(2.0 * np.pi) + spread)
+
+
+def lost_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray) -> list[Mode]:
+    """Search for modes in which no particle is.
+
+    Each scout makes one step uphill. It is passed over if from there the density never falls on the straight way to a known mode.
+    Otherwise a search climbs from where the density begins to fall, the densest scouts first. Its maximum is a new mode if valleys
+    divide it from the particles around.
+
+    Parameters
+    ----------
+    target : Target
+        What is sampled.
+    particles : ndarray, shape (particle, parameter)
+        Where the modes are known.
+    log_density : ndarray, shape (particle,)
+        There.
+    scouts : ndarray, shape (scout, parameter)
+        Draws of the prior.
+
+    Returns
+    -------
+    list of Mode
+        What was found; no mode twice.
+    """
+    known = _Known(target, particles, log_density)
+    density = known.density(scouts)
+    scouts, density = known.one_step_uphill(scouts[np.isfinite(density)], density[np.isfinite(density)])
+    for centre in known.centres:
+        falls, scouts, density = known.before_falls(scouts, density, centre[0])
+        scouts, density = scouts[falls], density[falls]
+    modes: list[Mode] = []
+    for _ in range(ROUNDS):
+        densest = np.argsort(-density, kind="stable")[:SEARCHES]
+        for place in densest:
+            if all(known.divided(scouts[place], density[place], mode) for mode in modes):
+                mode = _climbed(known, scouts[place])
+                if known.is_new(mode) and all(known.divided(mode.middle, mode.log_density, other) for other in modes):
+                    modes.append(mode)
+        rest = np.setdiff1d(np.arange(len(scouts)), densest)
+        scouts, density = scouts[rest], density[rest]
+        for mode in modes:
+            falls, *_ = known.before_falls(scouts, density, mode.middle)
+            scouts, density = scouts[falls], density[falls]
+        if not len(scouts):
+            break
+    return modes
+
+
+class _Known:
+    """The density, and where particles are."""
+
+    def __init__(self, target: Target, particles: np.ndarray, log_density: np.ndarray) -> None:
+        self.target = target
+        self.particles, unique = np.unique(particles, axis=0, return_index=True)
+        self.log_density = log_density[unique]
+        self.centres = self._centres()
+
+    def density(self, phi: np.ndarray) -> np.ndarray:
+        """Log density at some points."""
+        return self.target.evaluate(phi)[0] if len(phi) else np.zeros(0)
+
+    def one_step_uphill(self, start: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Each point after its best step in the direction of the slope, and the log density there."""
+        count, dimension = start.shape
+        probes = (start[:, None] + STEP * np.eye(dimension)).reshape(-1, dimension)
+        slope = _finite((self.density(probes).reshape(count, dimension) - own[:, None]) / STEP)
+        steepness = np.linalg.norm(slope, axis=1, keepdims=True)
+        direction = slope / np.where(steepness > 0.0, steepness, 1.0)
+        # A parabola through the point with its slope, and through a point close by: f(t) = f + s t − c t²/2.
+        near = 1e3 * STEP
+        curvature = _finite(2.0 * (steepness[:, 0] * near + own - self.density(start + near * direction)) / near**2)
+        length = steepness[:, 0] / np.maximum(np.abs(curvature), 1e-12)
+        length = np.minimum(length, np.linalg.norm(start.std(axis=0)))[:, None]
+        steps = np.stack([start, *(start + share * length * direction for share in LENGTHS)])
+        density = np.stack([own, *self.density(steps[1:].reshape(-1, dimension)).reshape(len(LENGTHS), count)])
+        best = density.argmax(axis=0)
+        return steps[best, np.arange(count)], density[best, np.arange(count)]
+
+    def _on_the_way(self, start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points at `PLACES` of the ways from some points to others, and the log density there: (place, way, ...)."""
+        places = np.array(PLACES)[:, None, None]
+        way = (1.0 - places) * start + places * end
+        return way, self.density(way.reshape(-1, start.shape[1])).reshape(way.shape[:2])
+
+    def before_falls(
+        self, start: np.ndarray, own: np.ndarray, end: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Whether the density falls on the ways to a point; where it begins to; and the density there."""
+        if not len(start):
+            return np.zeros(0, dtype=bool), start, own
+        way, density = self._on_the_way(start, end)
+        falling = density[1:] < density[:-1] - VALLEY
+        first = falling.argmax(axis=0)
+        return np.asarray(falling.any(axis=0)), way[first, np.arange(len(start))], density[first, np.arange(len(start))]
+
+    def divided(self, place: np.ndarray, log_density: float, mode: Mode) -> bool:
+        """Whether a valley divides a point from a mode."""
+        return bool(self._valleys(place[None], np.array([log_density]), mode.middle, mode.log_density)[0])
+
+    def _valleys(
+        self, start: np.ndarray, own: np.ndarray, end: np.ndarray, density_there: np.ndarray | float
+    ) -> np.ndarray:
+        """Whether the density falls below both ends of some ways."""
+        _, density = self._on_the_way(start, end)
+        return np.asarray(density.min(axis=0) < np.minimum(own, density_there) - VALLEY)
+
+    def _centres(self) -> list[tuple[np.ndarray, float]]:
+        """The densest particle, and the densest of those that a valley divides from it, and so on."""
+        order = np.argsort(-self.log_density, kind="stable")
+        left = order[:: max(1, len(order) // 200)]
+        centres: list[tuple[np.ndarray, float]] = []
+        while len(left) and len(centres) < NEIGHBOURS:
+            centres.append((self.particles[left[0]], float(self.log_density[left[0]])))
+            left = left[self._valleys(self.particles[left], self.log_density[left], *centres[-1])]
+        return centres
+
+    def is_new(self, mode: Mode) -> bool:
+        """Whether valleys divide a mode from all the particles next to it."""
+        away = ((self.particles - mode.middle) / self.particles.std(axis=0)) ** 2
+        nearest = np.argsort(away.sum(axis=1))[:NEIGHBOURS]
+        start = np.broadcast_to(mode.middle, (len(nearest), len(mode.middle)))
+        own = np.full(len(nearest), mode.log_density)
+        return bool(self._valleys(start, own, self.particles[nearest], self.log_density[nearest]).all())
+
+
+def _climbed(known: _Known, start: np.ndarray) -> Mode:
+    """The maximum above a point, by BFGS with central differences, all points of a gradient in one call."""
+    steps = STEP * np.eye(len(start))
+
+    def falling(phi: np.ndarray) -> float:
+        return float(-known.density(phi[None])[0])
+
+    def slope(phi: np.ndarray) -> np.ndarray:
+        values = known.density(np.concatenate([phi + steps, phi - steps])).reshape(2, -1)
+        return _finite((values[1] - values[0]) / (2.0 * STEP))
+
+    found = scipy.optimize.minimize(falling, start, jac=slope, method="BFGS", options={"maxiter": 200})
+    covariance = np.linalg.inv(_curvature(known, found.x))
+    return Mode(found.x, -float(found.fun), np.linalg.cholesky(0.5 * (covariance + covariance.T)))
+
+
+def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
+    """−∇∇ log π, made positive: second differences over steps in which the density falls by about one half."""
+    own = known.density(middle[None])[0]
+
+    def second(first: np.ndarray, then: np.ndarray) -> np.ndarray:
+        # f(++) − f(+−) − f(−+) + f(−−) over 4 h h'
+        signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
+        values = [known.density(middle + a * first + b * then) for a, b in signs]
+        return np.asarray(values[0] - values[1] - values[2] + values[3])
+
+    step = np.full(len(middle), 1e-3)
+    for _ in range(3):
+        fall = own - known.density(np.concatenate([middle + np.diag(step), middle - np.diag(step)])).reshape(2, -1)
+        step = np.clip(
+            step / np.sqrt(np.maximum(2.0 * np.nan_to_num(fall, posinf=100.0).mean(axis=0), 1e-8)), 1e-8, 1.0
+        )
+    rows, columns = np.tril_indices(len(middle))
+    half = 0.5 * np.diag(step)
+    curvature = np.zeros((len(middle), len(middle)))
+    curvature[rows, columns] = -second(half[rows], half[columns]) / (step[rows] * step[columns])
+    curvature = _finite(curvature + np.tril(curvature, -1).T)
+    # In units of the steps, in which a Gaussian's curvature is a correlation's inverse.
+    values, vectors = np.linalg.eigh(curvature * np.outer(step, step))
+    positive = np.maximum(np.abs(values), 1e-6)
+    whole = (vectors * positive) @ vectors.T / np.outer(step, step)
+    return np.asarray(whole + np.eye(len(middle)) / WIDEST**2)
+
+
+def _finite(array: np.ndarray) -> np.ndarray:
+    """The same with zeros where a difference meets the end of the support."""
+    return np.asarray(np.nan_to_num(array, nan=0.0, posinf=0.0, neginf=0.0))

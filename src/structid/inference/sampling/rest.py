@@ -1,0 +1,41 @@
+"""Whether particles that were drawn once and moved a few times have come to rest."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+MOVED_BY = 5.0
+"""Standard errors by which the mean of a quantity at rest may change: the largest of some dozens."""
+
+
+def still_moving(draws: np.ndarray) -> dict[int, float]:
+    """Quantities whose mean changes from the first half of the moves to the second.
+
+    Every particle is compared with itself, so that a common drift much smaller than the spread of the particles is seen. Ranks are
+    compared, so that far particles do not decide.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, population, particle, quantity)
+        While the exponent was 1.
+
+    Returns
+    -------
+    dict of int to float
+        For each of them the change in standard errors; empty where all are at rest.
+    """
+    half = len(draws) // 2
+    if half == 0:
+        return {}
+    moving = {}
+    for place in range(draws.shape[-1]):
+        ranks = scipy.stats.rankdata(draws[..., place]).reshape(draws.shape[:-1])
+        change = ranks[-half:].mean(axis=0) - ranks[:half].mean(axis=0)
+        # Copies of a particle are not independent of each other; populations are.
+        variance = max(
+            change.var() / change.size, change.mean(axis=1).var(ddof=1) / len(change) if len(change) > 1 else 0.0
+        )
+        if variance > 0.0 and abs(change.mean()) > MOVED_BY * np.sqrt(variance):
+            moving[place] = float(change.mean() / np.sqrt(variance))
+    return moving
