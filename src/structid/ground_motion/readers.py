@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -69,7 +71,26 @@ def read_acceleration(
             "unit='g', 'm/s^2', 'cm/s^2', …",
             "Give the unit of the values: GroundMotion.read(path, unit='g').",
         )
-    return read_columns(path, unit, dt, column, "m/s^2")
+    _, step, values = read_columns(path, unit, dt, column, "m/s^2")
+    return values[:, 0], step
+
+
+class Columns(NamedTuple):
+    """Columns of a text file, sampled at a constant step.
+
+    Parameters
+    ----------
+    start : float
+        Time of the first line [s]; 0 in a file without times.
+    dt : float
+        Time step [s].
+    values : ndarray, shape (time, column)
+        The columns that were asked for, in SI.
+    """
+
+    start: float
+    dt: float
+    values: np.ndarray
 
 
 def read_columns(
@@ -78,8 +99,8 @@ def read_columns(
     dt: float | None = None,
     column: int | None = None,
     si_unit: str | None = None,
-    from_zero: bool = False,
-) -> tuple[np.ndarray, float]:
+    others: Sequence[int] = (),
+) -> Columns:
     """Read a signal from text columns: time and value, or values alone with a given time step.
 
     Parameters
@@ -94,19 +115,44 @@ def read_columns(
         Column of the values, counted from 0; by default the second where there is a time column, else the first.
     si_unit : str, optional
         SI unit with the dimension that `unit` must have, such as ``"m/s^2"``.
-    from_zero : bool
-        Reject times that do not start at zero.
+    others : sequence of int
+        Further columns in the same unit.
 
     Returns
     -------
-    tuple of ndarray and float
-        Values in SI and the time step [s].
+    Columns
+        Start, time step, and the values in SI.
 
     Raises
     ------
     InputError
         If the file is empty, a value is not a number, or the step of the time column is not constant.
     """
+    table, numbers = _table(path)
+    if dt is not None and column is None and table.shape[1] > 1:
+        raise InputError(
+            f"{path}, line {numbers[0]}",
+            f"{table.shape[1]} values a line, a time step, and no column named",
+            f"column=0 to {table.shape[1] - 1}, or one value a line",
+            "Where the record goes on from line to line, write it with one value a line. A time column needs no dt.",
+        )
+    wanted = [(0 if dt is not None else 1) if column is None else column, *others]
+    for index in wanted:
+        if not 0 <= index < table.shape[1]:
+            raise InputError(
+                f"{path}",
+                f"{table.shape[1]} columns, and column {index} asked for",
+                f"column 0 to {table.shape[1] - 1}",
+                "A file with a single column needs dt.",
+            )
+    start = 0.0 if dt is not None else float(table[0, 0])
+    step = _constant_step(path, table[:, 0], numbers) if dt is None else dt
+    by = to_si(1.0, unit, f"{path}: unit") if si_unit is None else to_si(f"1 {unit}", si_unit, f"{path}: unit")
+    return Columns(start, step, table[:, wanted] * by)
+
+
+def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int]]:
+    """All numbers of a file (line, column), and the numbers of its lines."""
     rows: list[list[float]] = []
     numbers: list[int] = []
     for number, line in enumerate(lines_of(path), start=1):
@@ -120,33 +166,7 @@ def read_columns(
         numbers.append(number)
     if len(rows) < 2:
         raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more")
-    table = np.array(rows)
-    if dt is not None and column is None and table.shape[1] > 1:
-        raise InputError(
-            f"{path}, line {numbers[0]}",
-            f"{table.shape[1]} values a line, a time step, and no column named",
-            f"column=0 to {table.shape[1] - 1}, or one value a line",
-            "Where the record goes on from line to line, write it with one value a line. A time column needs no dt.",
-        )
-    index = (0 if dt is not None else 1) if column is None else column
-    if not 0 <= index < table.shape[1]:
-        raise InputError(
-            f"{path}",
-            f"{table.shape[1]} columns, and column {index} asked for",
-            f"column 0 to {table.shape[1] - 1}",
-            "A file with a single column needs dt.",
-        )
-    if dt is None:
-        dt = _constant_step(path, table[:, 0], numbers)
-        if from_zero and abs(table[0, 0]) > 0.5 * dt:
-            raise InputError(
-                f"{path}, line {numbers[0]}",
-                f"the first time is {table[0, 0]:g} s",
-                "times that start at 0 s, like the record",
-                "Cut the history to the start of the record, or shift its times.",
-            )
-    by = to_si(1.0, unit, f"{path}: unit") if si_unit is None else to_si(f"1 {unit}", si_unit, f"{path}: unit")
-    return table[:, index] * by, dt
+    return np.array(rows), numbers
 
 
 def _in_columns(text: str) -> str:

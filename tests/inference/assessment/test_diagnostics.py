@@ -7,7 +7,7 @@ import scipy.special
 import scipy.stats
 
 import structid as si
-from structid.inference.assessment import diagnostics
+from structid.inference.assessment import diagnostics, verdict
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9, 0.97])
@@ -71,7 +71,7 @@ def test_a_chain_too_short_to_tell_is_not_called_long_enough():
     assert diagnostics.series_time(draws) < 3.0
     figures = diagnostics.parameter_diagnostics(draws)
     assert figures.autocorrelation_time > 13.0
-    failures = diagnostics.convergence_failures({"a": figures}, 65, 4, 0, si.DelayedAcceptance.needed_length)
+    failures = verdict.convergence_failures({"a": figures}, 65, 4, 0, si.DelayedAcceptance.needed_length)
     assert any("autocorrelation times of a" in failure for failure in failures)
 
 
@@ -129,15 +129,15 @@ def test_chains_that_stop_short_of_a_tail_disagree_with_a_population(seed):
     short = whole[np.abs(whole[:, 0, 0, 0]) < 20.0]
     cut = np.concatenate([np.where(np.abs(whole) < 20.0, whole, rng.normal(size=whole.shape))])
     assert len(short) < len(whole)
-    assert diagnostics.disagreements(("x",), whole, beside) == []
-    said = diagnostics.disagreements(("x",), cut, beside)
+    assert verdict.disagreements(("x",), whole, beside) == []
+    said = verdict.disagreements(("x",), cut, beside)
     assert len(said) == 1 and "quantile of x" in said[0] and "tail" in said[0]
 
 
 def test_chains_in_one_of_two_modes_disagree_with_a_population():
     rng = np.random.default_rng(1)
     beside = rng.normal(size=(20, 8, 250, 1)) + 8.0 * rng.integers(0, 2, (1, 8, 250, 1))
-    said = diagnostics.disagreements(("x",), rng.normal(size=(1000, 4, 1, 1)), beside)
+    said = verdict.disagreements(("x",), rng.normal(size=(1000, 4, 1, 1)), beside)
     assert len(said) == 1 and "x" in said[0]
 
 

@@ -140,4 +140,6 @@ def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, 
     unknown = posterior.unknowns(theta, index)
     observation = posterior.observations[index]
     dt = observation.record.dt
-    return np.asarray(response + posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt))
+    sd = 1.0 if observation.sd is None else observation.sd
+    errors = posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)
+    return np.asarray(response + sd * errors)

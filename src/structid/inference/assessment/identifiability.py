@@ -101,7 +101,8 @@ def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
     def whitened(moved: Any, bound: BoundLikelihood) -> Any:
         response, _ = bound.response(moved, bound.measured)
         unknown = jax.lax.stop_gradient(bound.unknowns(point))
-        return bound.discrepancy.whiten(bound.shown(response, moved), unknown, bound.channels, bound.dt)
+        shown = bound.observation.in_sds(bound.shown(response, moved))
+        return bound.discrepancy.whiten(shown, unknown, bound.channels, bound.dt)
 
     def sensitivity(bound: BoundLikelihood) -> np.ndarray:
         def along(direction: Any) -> Any:

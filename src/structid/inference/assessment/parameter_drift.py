@@ -221,6 +221,7 @@ def _projections(
     unknown = {
         name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
     }
+    series = observation.in_sds(series)
     white = np.asarray(posterior.discrepancy.whiten(series, unknown, observation.channels, observation.record.dt))
     flat = white.reshape(-1, white.shape[2])
     return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]

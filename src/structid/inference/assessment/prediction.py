@@ -134,6 +134,10 @@ def predict(
         response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
     growth = error_growth(posterior, fit.mean(axis=0), index or 0)
     scale = growth.scale(response[:, :, measured], record.dt)
+    if observation.sd is not None:
+        # Known for the measured record; of another one it is the mean square that carries over.
+        sd = np.asarray(observation.sd)
+        scale = sd if index is not None else scale * np.sqrt(np.mean(sd**2, axis=0))
 
     def erring(law: Discrepancy | None, purpose: Purpose) -> np.ndarray:
         found = response.copy()

@@ -91,7 +91,7 @@ def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[Whitene
     """
     found = []
     for index, observation in enumerate(posterior.observations):
-        residual = (observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
+        residual = observation.in_sds(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
         unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
         white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
         found += [

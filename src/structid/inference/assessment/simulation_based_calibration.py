@@ -290,7 +290,8 @@ def _simulated(
     for index, observation in enumerate(posterior.observations):
         unknown, dt = posterior.unknowns(truth, index), observation.record.dt
         shape = (replicas, len(observation.values), len(observation.channels))
-        values[index] = values[index] + law.draw(rng, shape, unknown, observation.channels, dt)
+        sd = 1.0 if observation.sd is None else observation.sd
+        values[index] = values[index] + sd * law.draw(rng, shape, unknown, observation.channels, dt)
     return truth, values
 
 
@@ -348,7 +349,7 @@ class ReplicatedPosterior(Target):
         def parts(phi: Any, signals: Any, excitation: TracedExcitation) -> tuple[Any, Any, Any]:
             return posterior.parts_in_coordinates(phi, (Measured(excitation, signals, None),))
 
-        return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), self._values[0].shape[:2])
+        return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), measured.values.shape[:2])
 
     def _replicas(self, runs: int) -> np.ndarray:
         """Replica of each of so many runs."""
@@ -357,7 +358,7 @@ class ReplicatedPosterior(Target):
     def _signals(self, runs: int) -> list[tuple[slice, Signals]]:
         """Batches of so many runs, replica by replica, and what each of these measured. Those of one number of runs are kept."""
         if self._kept_signals is None or self._kept_signals[0] != runs:
-            own = self._values[0].transpose(2, 0, 1)
+            own = self._measured[0].values.transpose(2, 0, 1)
             batches = [slice(start, start + LARGEST_BATCH) for start in range(0, runs, LARGEST_BATCH)]
             replica = self._replicas(runs)
             self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]

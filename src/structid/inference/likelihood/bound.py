@@ -33,8 +33,9 @@ class Measured:
     ----------
     excitation : TracedExcitation
         What drove the structure.
-    values : array, shape (time, channel, measurement or run)
-        What was measured: one measurement for all runs, or each run its own.
+    values : array, shape (time, channel or 2 × channel, measurement or run)
+        What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the measurement
+        and 1 in units of them.
     shortcut : Shortcut or None
         A shorter way to the likelihood than through the response.
     """
@@ -79,7 +80,8 @@ def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
         By plain names, the nuisances first.
     """
     record = observation.record
-    added = law.added.parameters(observation.values, observation.channels, record.dt, observation.si_units)
+    values = observation.in_sds(observation.values)
+    added = law.added.parameters(values, observation.channels, record.dt, observation.error_units)
     return observation.nuisances() | added | law.hidden_parameters(record.duration)
 
 
@@ -196,16 +198,56 @@ class BoundLikelihood:
             The model's response.
         theta : jax.Array, shape (run, parameter)
             All parameters.
-        values : array, shape (time, channel, 1 or run)
-            What was measured, the same for all runs or each its own.
+        values : array, as of `Measured`
+            What was measured, the same for all runs or each its own; see `compared`.
 
         Returns
         -------
         jax.Array, shape (run,)
             The discrepancy's log density of the residuals.
         """
-        residual = values - self.shown(response, theta)
-        return self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+        residual = self.residual(theta)(response, values)
+        found = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+        return self._in_si(found)
+
+    def compared(self, values: np.ndarray) -> np.ndarray:
+        """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel, measurement)
+            One or several measurements in SI.
+
+        Returns
+        -------
+        ndarray, shape (time, channel or 2 × channel, measurement)
+            For `given` and `traced`.
+        """
+        if self.observation.sd is None:
+            return values
+        return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
+
+    def residual(self, theta: Any) -> Callable[[Any, Any], Any]:
+        """Give the function from response and measurement to their difference, in known standard deviations.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        callable
+            ``residual(response, values)``, both whole, or both at one sample; see `compared`.
+        """
+        if self.observation.sd is None:
+            return lambda response, values: values - self.shown(response, theta)
+        count = len(self.channels)
+        return lambda response, values: values[..., :count, :] - values[..., count:, :] * self.shown(response, theta)
+
+    def _in_si(self, log_density: Any) -> Any:
+        """Log density of ε from that of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
+        return log_density if self.observation.sd is None else log_density - self.observation.log_sds.sum()
 
     def of_squares(self, squares: Any, theta: Any) -> Any:
         """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more.
@@ -213,7 +255,7 @@ class BoundLikelihood:
         Parameters
         ----------
         squares : array, shape (channel, run)
-            Σ (y − M)² over time.
+            Σ (y − M)² over time, in known standard deviations.
         theta : array, shape (run, parameter)
             All parameters.
 
@@ -223,7 +265,8 @@ class BoundLikelihood:
             The discrepancy's log density.
         """
         samples = len(self.observation.values)
-        return self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
+        found = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
+        return self._in_si(found)
 
     @property
     def needs_only_squares(self) -> bool:
@@ -251,7 +294,8 @@ class BoundLikelihood:
             For `traced`.
         """
         model, record = self._traceable, self.observation.record
-        return Measured(model.traced(record), values, model.shortcut(record, values, self.channels))
+        shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
+        return Measured(model.traced(record), self.compared(values), shortcut)
 
     def traced(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood and success of every run, inside JAX, by the shortest way.
@@ -279,7 +323,8 @@ class BoundLikelihood:
         if loop is None or fold is None:
             response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
-        return loop.folded(fold, measured.values, self._residual(theta))
+        found, finite = loop.folded(fold, measured.values, self.residual(theta))
+        return self._in_si(found), finite
 
     def squares(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Sum of squared residuals over time, inside JAX, by the shortest way.
@@ -302,19 +347,15 @@ class BoundLikelihood:
         loop = self._loop(parameters, measured)
         if loop is None:
             response, finite = self.response(theta, measured)
-            return ((measured.values - self.shown(response, theta)) ** 2).sum(axis=0), finite
+            return (self.residual(theta)(response, measured.values) ** 2).sum(axis=0), finite
         nothing = jnp.zeros((len(self.channels), theta.shape[0]))
-        return loop.folded(sum_of_squares(nothing), measured.values, self._residual(theta))
+        return loop.folded(sum_of_squares(nothing), measured.values, self.residual(theta))
 
     def _loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
         """The loop over time that gives the response sample by sample; None where it is wanted whole, or is no loop."""
         if self.observation.time_shift is not None:
             return None
         return self._traceable.time_loop(parameters, measured.excitation)
-
-    def _residual(self, theta: Any) -> Callable[[Any, Any], Any]:
-        """The function from the response and the measurement at one sample to their difference."""
-        return lambda response, values: values - self.shown(response, theta)
 
     def _with_model_error(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood with the model's own variance added to that of the discrepancy."""
@@ -328,8 +369,12 @@ class BoundLikelihood:
         white, stand_in = 0.0, self.model.stand_in
         if stand_in is not None:
             white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
-        residual = measured.values - self.shown(response, theta)
-        return self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white), finite
+        if self.observation.sd is not None:
+            # A surrogate's variance is constant in time; in known standard deviations its mean is taken.
+            white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
+        residual = self.residual(theta)(response, measured.values)
+        found = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)
+        return self._in_si(found), finite
 
     @property
     def _traceable(self) -> TraceableModel:
@@ -360,5 +405,5 @@ class BoundLikelihood:
         run = self.model.simulate(np.asarray(self.parameters(theta)), self.observation.record, map=map)
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
-        found = np.asarray(self.given(response, theta, values))
+        found = np.asarray(self.given(response, theta, self.compared(values)))
         return np.where(run.done, found, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)

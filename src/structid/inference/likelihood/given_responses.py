@@ -37,7 +37,7 @@ class GivenResponses:
             return None
         observation = bound.observation
         channels = [bound.model.channels.index(c) for c in observation.channels]
-        residual = observation.values[:, :, None] - self._responses[index][:, channels]
+        residual = observation.in_sds(observation.values[:, :, None] - self._responses[index][:, channels])
         return np.asarray(np.einsum("tcr,tcr->cr", residual, residual))
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
@@ -61,6 +61,6 @@ class GivenResponses:
             if squares is not None:
                 found = bound.of_squares(squares, theta)
             else:
-                found = given(response, theta, bound.observation.values[:, :, None])
+                found = given(response, theta, bound.compared(bound.observation.values[:, :, None]))
             total = total + np.asarray(found)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)

@@ -63,7 +63,7 @@ class Misfit:
         observations = self._observations
         if all(len(o.channels) == 1 for o in observations) and len({o.channels for o in observations}) == 1:
             return [np.ones(1) for _ in observations]
-        return [1.0 / (o.values**2).sum(axis=0) for o in observations]
+        return [1.0 / (o.in_sds(o.values) ** 2).sum(axis=0) for o in observations]
 
     def _with_rest(self, theta: Any) -> Any:
         """All parameters of the posterior, inside JAX: the model's, and the others as they are held."""
@@ -74,7 +74,7 @@ class Misfit:
         full, parts = self._with_rest(theta), []
         for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
             response, _ = bound.response(full, measured)
-            residual = (measured.values - bound.shown(response, full)) * np.sqrt(weights)[:, None]
+            residual = bound.residual(full)(response, measured.values) * np.sqrt(weights)[:, None]
             parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
 
@@ -121,7 +121,10 @@ class Misfit:
         else:
             full = np.concatenate([theta, np.tile(self._rest, (len(theta), 1))], axis=1)
             value = sum(
-                (((o.values - self._likelihood.predict(full, i)) ** 2) * self._weights[i]).sum(axis=(1, 2))
+                (
+                    (o.in_sds((o.values - self._likelihood.predict(full, i)).transpose(1, 2, 0)) ** 2)
+                    * self._weights[i][:, None]
+                ).sum(axis=(0, 1))
                 for i, o in enumerate(self._observations)
             )
         return np.where(np.isfinite(value), value, np.inf)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+import scipy
 
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.device import jnp
@@ -45,6 +46,9 @@ class Observation:
         Priors of the nuisances: a pure number, the channel's unit, seconds. Gain and offset are one for each channel.
     units : mapping of str to str, optional
         Units in which tables and figures show channels whose names are not standard ones.
+    sd : array-like, shape (time,) or (time, channel), or float, optional
+        Known standard deviation of every value's error in SI, such as an envelope. The law of the errors is then that of ε/sd: with
+        ``IID(variance=1.0)`` they are taken as they are, and otherwise the law's variance, a pure number, multiplies their squares.
 
     Raises
     ------
@@ -61,9 +65,18 @@ class Observation:
     offset: Marginal | None = None
     time_shift: Marginal | None = None
     units: Mapping[str, str] = field(default_factory=dict)
+    sd: np.ndarray | float | None = None
 
     def __post_init__(self) -> None:
         where = f"observation '{self.name}'" if self.name else "observation"
+        for name in NUISANCES:
+            if not isinstance(prior := getattr(self, name), Marginal | None):
+                raise InputError(
+                    f"{where}: {name}",
+                    f"{prior!r}",
+                    "a prior, such as Normal(0.0, 0.01)",
+                    "Apply what is known to the values. (Observation.read takes a known time_shift.)",
+                )
         if not isinstance(self.record, Excitation):
             raise InputError(
                 f"{where}: record",
@@ -107,6 +120,8 @@ class Observation:
         values.setflags(write=False)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "channels", channels)
+        if self.sd is not None:
+            object.__setattr__(self, "sd", _checked_sd(self.sd, values.shape, where))
 
     @classmethod
     def read(
@@ -117,6 +132,9 @@ class Observation:
         channel: str = "velocity",
         column: int | None = None,
         dt: float | None = None,
+        time_shift: Marginal | float | None = None,
+        sd: float | None = None,
+        sd_column: int | None = None,
         **nuisances: Marginal,
     ) -> Observation:
         """Read a measured history from text columns.
@@ -135,17 +153,37 @@ class Observation:
             Column of the values, counted from 0.
         dt : float, optional
             Time step [s] of a file without times.
+        time_shift : Marginal or float, optional
+            When the record begins by the clock of the file [s]: the prior of an unknown shift, or a known one. The history is then
+            moved by it and cut to the record, and between samples it is interpolated by cubic splines.
+        sd : float, optional
+            Known standard deviation of the errors in SI.
+        sd_column : int, optional
+            Column of known standard deviations, in the unit of the values.
         **nuisances : Marginal
-            Priors of gain, offset, time_shift.
+            Priors of gain and offset.
 
         Returns
         -------
         Observation
             The measurement.
         """
-        values, step = read_columns(path, unit, dt, column, standard_unit(channel).si or None, from_zero=True)
+        others = () if sd_column is None else (sd_column,)
+        start, step, values = read_columns(path, unit, dt, column, standard_unit(channel).si or None, others)
+        if isinstance(time_shift, (int, float)):
+            values = _on_the_clock_of(record, start - time_shift, step, values, str(path))
+        elif abs(start) > 0.5 * step:
+            raise InputError(
+                f"{path}",
+                f"the first time is {start:g} s",
+                "times that start at 0 s, like the record",
+                f"If the record begins when this clock shows {start:g} s, say time_shift = {start:g} (in a study file "
+                f'"{start:g} s").',
+            )
         units = {} if standard_unit(channel).si else {channel: unit}
-        return cls(record, values, (channel,), step, str(path), units=units, **nuisances)
+        known = values[:, 1] if others else sd
+        nuisances |= {} if not isinstance(time_shift, Marginal) else {"time_shift": time_shift}
+        return cls(record, values[:, 0], (channel,), step, str(path), units=units, sd=known, **nuisances)
 
     def channel_unit(self, channel: str) -> ChannelUnit:
         """Units of a channel: as declared, or as its standard name defines them.
@@ -189,6 +227,34 @@ class Observation:
                     "each measurement once",
                     "Twice the same data would count as twice as many.",
                 )
+
+    def in_sds(self, values: Any) -> Any:
+        """Divide values, residuals or sensitivities by the known standard deviations; the same where there are none.
+
+        Parameters
+        ----------
+        values : array, shape (time, channel) or (time, channel, run)
+            In SI.
+
+        Returns
+        -------
+        array
+            In the same shape.
+        """
+        if self.sd is None:
+            return values
+        sd = np.asarray(self.sd)
+        return values / sd.reshape(sd.shape + (1,) * (values.ndim - 2))
+
+    @property
+    def log_sds(self) -> np.ndarray:
+        """Logs of the known standard deviations, shape (time, channel); zeros where there are none."""
+        return np.zeros(self.values.shape) if self.sd is None else np.log(self.sd)
+
+    @property
+    def error_units(self) -> tuple[str, ...]:
+        """SI unit of what the law of the errors describes, for each channel: none where it is ε/sd."""
+        return self.si_units if self.sd is None else ("",) * len(self.channels)
 
     def nuisances(self) -> dict[str, Marginal]:
         """Unknown nuisances and their priors.
@@ -246,7 +312,48 @@ class Observation:
             "values": digest(self.values),
             "channels": list(self.channels),
             "nuisances": {k: v.describe() for k, v in self.nuisances().items()},
-        }
+        } | ({} if self.sd is None else {"sd": digest(self.sd)})
+
+
+def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.ndarray, where: str) -> np.ndarray:
+    """Columns at the record's samples, from columns whose first line is at some time of the record."""
+    if abs(dt / record.dt - 1.0) > 1e-6:
+        return values  # refused with its reason where the observation is made
+    first, last, wanted = start, start + dt * (len(values) - 1), record.dt * (len(record) - 1)
+    if first > 1e-3 * dt or last < wanted - 1e-3 * dt:
+        raise InputError(
+            where,
+            f"a history from {first:.6g} to {last:.6g} s of the record's time, after time_shift",
+            f"one that covers the record, from 0 to {wanted:.6g} s",
+            "Check the sign: time_shift is what the history's clock shows when the record begins. Or trim the record.",
+        )
+    behind = -start / dt
+    if abs(behind - round(behind)) < 1e-3:
+        return values[round(behind) : round(behind) + len(record)]
+    spline = scipy.interpolate.CubicSpline(start + dt * np.arange(len(values)), values)
+    return np.asarray(spline(record.time))
+
+
+def _checked_sd(given: Any, shape: tuple[int, ...], where: str) -> np.ndarray:
+    """Known standard deviations, one for each value."""
+    sd = np.array(given, dtype=np.float64)
+    sd = sd[:, None] if sd.ndim == 1 else sd
+    try:
+        whole = np.array(np.broadcast_to(sd, shape))
+    except ValueError:
+        raise InputError(
+            f"{where}: sd", f"an array of shape {np.shape(given)}", f"one number, or one for each value: {shape}"
+        ) from None
+    if not (np.isfinite(whole).all() and (whole > 0.0).all()):
+        wrong = np.count_nonzero(~(np.isfinite(whole) & (whole > 0.0)))
+        raise InputError(
+            f"{where}: sd",
+            f"{wrong} of {whole.size} that are not positive and finite",
+            "positive standard deviations",
+            "A value that is not to count has a large one.",
+        )
+    whole.setflags(write=False)
+    return whole
 
 
 def _shifted(response: Any, samples: Any) -> Any:

@@ -432,10 +432,10 @@ class Posterior(Target):
         theta = self.likelihood.points(theta)
         observation = self.observations[index]
         prediction = self.predict(theta, index) if prediction is None else prediction
-        residual = (observation.values - prediction).transpose(1, 2, 0)
+        residual = observation.in_sds((observation.values - prediction).transpose(1, 2, 0))
         unknown, dt = self.unknowns(theta, index), observation.record.dt
         pointwise = self.discrepancy.pointwise(residual, unknown, observation.channels, dt)
-        return np.asarray(pointwise).transpose(2, 0, 1)
+        return np.asarray(np.asarray(pointwise).transpose(2, 0, 1) - observation.log_sds)
 
     # --- deterministic misfit -----------------------------------------------------------------------------------
 

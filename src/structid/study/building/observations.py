@@ -23,7 +23,7 @@ from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
-from structid.study.schema.static_tables import ObservationSection, VirtualSection
+from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
 from structid.units import si_unit, to_si
 
@@ -58,11 +58,13 @@ def build_observation(
     nuisances: dict[str, Any] = {
         name: prior_of(prior, f"{where}.{name}", {"gain": "", "offset": unit, "time_shift": "s"}[name])
         for name in ("gain", "offset", "time_shift")
-        if (prior := getattr(section, name)) is not None
+        if isinstance(prior := getattr(section, name), PriorSection)
     }
+    sd = None if section.sd is None else to_si(section.sd, unit, f"key '{where}.sd'")
     if section.virtual is not None:
         truth, values = _virtual_experiment(section.virtual, record, section.channels, folder, seed, index)
-        return Observation(record, values, section.channels, name=where, **nuisances), truth
+        _refuse_keys_of_files(section, where)
+        return Observation(record, values, section.channels, name=where, sd=sd, **nuisances), truth
     assert section.file is not None
     if len(section.channels) != 1:
         raise InputError(
@@ -76,10 +78,24 @@ def build_observation(
             f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
         )
     to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
-    path = folder / section.file
-    return Observation.read(
-        record, path, section.unit, section.channels[0], section.column, section.dt, **nuisances
-    ), None
+    if isinstance(section.time_shift, (float, str)):
+        nuisances["time_shift"] = to_si(section.time_shift, "s", f"key '{where}.time_shift'")
+    if section.sd is not None and section.sd_column is not None:
+        raise InputError(f"key '{where}.sd'", "both sd and sd_column", "one of the two")
+    path, channel = folder / section.file, section.channels[0]
+    columns: dict[str, Any] = {"column": section.column, "dt": section.dt, "sd": sd, "sd_column": section.sd_column}
+    return Observation.read(record, path, section.unit, channel, **columns, **nuisances), None
+
+
+def _refuse_keys_of_files(section: ObservationSection, where: str) -> None:
+    """Refuse of a virtual experiment what only a file has."""
+    for key in ("column", "dt", "sd_column"):
+        if getattr(section, key) is not None:
+            raise InputError(
+                f"key '{where}.{key}'", "it is given for a virtual experiment", "nothing: it is about a file"
+            )
+    if isinstance(section.time_shift, (int, float, str)):
+        raise InputError(f"key '{where}.time_shift'", "a known shift of a virtual experiment", "a prior, or nothing")
 
 
 def _virtual_experiment(

@@ -96,7 +96,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         truths.append(truth)
     posterior = None
     if observations:
-        measured = {c: unit for o in observations for c, unit in zip(o.channels, o.si_units, strict=True)}
+        measured = {c: unit for o in observations for c, unit in zip(o.channels, o.error_units, strict=True)}
         law = build_discrepancy(file, measured)
         posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))

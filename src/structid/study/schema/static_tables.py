@@ -87,7 +87,9 @@ class ObservationSection(Section):
     record: RecordSection | None = None
     gain: PriorSection | None = None
     offset: PriorSection | None = None
-    time_shift: PriorSection | None = None
+    time_shift: float | str | PriorSection | None = None
+    sd: float | str | None = None
+    sd_column: int | None = None
 
 
 class DeterministicSection(Section):

@@ -1,0 +1,148 @@
+"""The question: does any record file or study file, however damaged, end in anything but a result or one clear refusal.
+
+Run with ``python benchmarks/fuzzing.py [--minutes 60] [--seed 0]``. What crashes is kept under ``build/fuzzing``. Records come
+from ``../shared/data``, studies from the package. A refusal is an `InputError` or another `StructidError` of one paragraph.
+Anything else, or a file that takes more than ten seconds, is a find.
+"""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import signal
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import common
+import numpy as np
+
+import structid as si
+from structid.errors import StructidError
+from structid.study.plausibility import plausibility
+from structid.study.run import load
+
+NAME = "fuzzing"
+FOLDER = common.ROOT / "build" / "fuzzing"
+SECONDS = 10
+"""That a file may take."""
+CHECKED = 0.02
+"""Share of the accepted studies whose model is simulated too, as `structid check` does."""
+WORDS = [
+    "NPTS=", "DT=", "nan", "inf", "-1", "0", "1e308", "1e-308", "99999999999", "\x00", "\ufeff", "é", '"', "'''", "[[", "]]",
+    "{", "}", "=", "\r", "\t", "g", "cm/s^2", "VELOCITY", "1.0D+03", "1,5", ";", "true", "2024-01-01", "#", "\\u0000", "\\x",
+    "[discrepancy]",
+]  # fmt: skip
+
+
+def mutated(rng: np.random.Generator, text: bytes) -> bytes:
+    """Bytes flipped, words put in, pieces cut out, copied or exchanged, numbers changed; one or more of these."""
+    for _ in range(int(rng.geometric(0.5))):
+        # Where headers are, damage is more telling than among ten thousand numbers.
+        end = len(text) if rng.random() < 0.5 else min(len(text), 400)
+        at = int(rng.integers(end + 1))
+        length = int(rng.geometric(0.05))
+        kind = int(rng.integers(7))
+        piece = text[at : at + length]
+        if kind == 0 and piece:
+            text = text[:at] + bytes([rng.integers(256)]) + text[at + 1 :]
+        elif kind == 1:
+            text = text[:at] + WORDS[int(rng.integers(len(WORDS)))].encode() + text[at:]
+        elif kind == 2:
+            text = text[:at] + text[at + length :]
+        elif kind == 3:
+            text = text[:at] + piece * int(rng.integers(1, 20)) + text[at:]
+        elif kind == 4:
+            other = int(rng.integers(len(text) + 1))
+            text = text[:other] + piece + text[other:]
+        elif kind == 5:
+            lines = text.split(b"\n")
+            rng.shuffle(lines[: int(rng.integers(1, len(lines) + 1))])
+            drop = int(rng.integers(len(lines)))
+            text = b"\n".join(lines[:drop] + lines[drop + 1 :])
+        else:
+            digits = [i for i, byte in enumerate(text[:end]) if 48 <= byte <= 57]
+            if digits:
+                where = digits[int(rng.integers(len(digits)))]
+                text = (
+                    text[:where] + str(int(rng.integers(10 ** int(rng.integers(1, 12))))).encode() + text[where + 1 :]
+                )
+    return text
+
+
+def record(path: Path, rng: np.random.Generator) -> None:
+    """Read a record file, and use it."""
+    si.GroundMotion.read(path).lowpass(10.0)
+
+
+def study(path: Path, rng: np.random.Generator) -> None:
+    """Load a study, and sometimes check it."""
+    loaded = load(path)
+    if rng.random() < CHECKED:
+        plausibility(loaded)
+
+
+def outcome(read: Callable[[Path, np.random.Generator], None], path: Path, rng: np.random.Generator) -> str:
+    """How reading a file ends: accepted, refused, or the name of what it raised."""
+
+    def late(*_: object) -> None:
+        raise TimeoutError(f"more than {SECONDS} s")
+
+    signal.signal(signal.SIGALRM, late)
+    signal.alarm(SECONDS)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            read(path, rng)
+    except StructidError as refusal:
+        return "refused" if str(refusal).strip() else "refused without a word"
+    except Exception as error:
+        (path.with_suffix(path.suffix + ".traceback")).write_text(traceback.format_exc())
+        return type(error).__name__
+    finally:
+        signal.alarm(0)
+    return "accepted"
+
+
+def sources() -> dict[str, tuple[Callable[[Path, np.random.Generator], None], list[bytes]]]:
+    """What is damaged: by the file's name, who reads it and good ones."""
+    records = sorted((common.ROOT.parent / "shared" / "data" / "strong_motion").rglob("*.AT2"))
+    studies = sorted((common.ROOT / "src").rglob("*.toml"))
+    return {
+        "record.AT2": (record, [p.read_bytes() for p in records]),
+        "study.toml": (study, [p.read_bytes() for p in studies]),
+    }
+
+
+def main() -> None:
+    """Damage files until the time is over, and say how often each outcome was."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=60.0)
+    parser.add_argument("--seed", type=int, default=0)
+    given = parser.parse_args()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(given.seed)
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    end = time.monotonic() + 60.0 * given.minutes
+    while time.monotonic() < end:
+        for name, (read, good) in sources().items():
+            path = FOLDER / name
+            for _ in range(200):
+                path.write_bytes(mutated(rng, good[int(rng.integers(len(good)))]))
+                found = outcome(read, path, rng)
+                counts[name, found] += 1
+                if found not in ("accepted", "refused"):
+                    kept = FOLDER / f"{found}_{counts[name, found]}_{name}"
+                    path.replace(kept)
+                    path.with_suffix(path.suffix + ".traceback").replace(kept.with_suffix(kept.suffix + ".traceback"))
+        print({" ".join(key): count for key, count in sorted(counts.items())}, flush=True)
+    finds = {" ".join(key): count for key, count in counts.items()}
+    common.record_result(NAME, quick=given.minutes < 60.0, minutes=given.minutes, seed=given.seed, counts=finds)
+    sys.exit(any(outcome not in ("accepted", "refused") for _, outcome in counts))
+
+
+if __name__ == "__main__":
+    main()
