@@ -70,3 +70,19 @@ def test_a_model_that_may_not_stay_bounded(study):
 def test_a_text_without_a_unit_is_asked_for_one(study):
     done = study(text=PLAIN.replace('pga = "1.8 m/s^2"', 'pga = "0.28"'))
     assert done.returncode == 2 and "record.pga" in done.stderr and "'0.28', a text without a unit" in done.stderr
+
+
+def test_a_clock_that_begins_before_the_record(study):
+    """Forty samples late: seen, and in order once the study says so."""
+    late = 40
+    done = study(lambda v: np.concatenate([np.zeros(late), v[:-late]]))
+    assert done.returncode == 2 and re.search(r"0\.4\d? s back", done.stdout) and "time_shift" in done.stdout, (
+        done.stdout
+    )
+
+
+def test_measurement_and_model_are_drawn_on_the_record(study, tmp_path):
+    study()
+    done = structid("check", "study.toml", "--plot", "figures", cwd=tmp_path)
+    assert done.returncode == 0 and "measurement_1.png" in done.stdout, done.stdout
+    assert {f.name for f in (tmp_path / "figures").iterdir()} == {"measurement_1.png", "measurement_1.pdf"}

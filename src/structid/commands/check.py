@@ -13,7 +13,12 @@ if TYPE_CHECKING:
     from structid.study.building.built_study import BuiltStudy
 
 
-def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:
+def check(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    plot: Annotated[
+        Path | None, typer.Option(help="A folder for figures that lay each measurement and the model on its record.")
+    ] = None,
+) -> None:
     """Say everything that is wrong with a study and what it will cost; the model is run a few times for that."""
     from structid.study.cost import estimate
     from structid.study.echo import quantities_in_si
@@ -27,6 +32,9 @@ def check(study: Annotated[Path, typer.Argument(help="The study file (TOML).")])
     for line in quantities_in_si(study):
         screen.print(line, markup=False, soft_wrap=True)
     screen.print("\n".join([*sizes.said, str(cost)]), markup=False, soft_wrap=True)
+    if plot is not None:
+        for figure in sizes.plot(plot):
+            screen.print(f"drawn: {figure}", markup=False, soft_wrap=True)
     if not sizes.questions:
         screen.print(f"[bold green]{study} is in order.[/]")
         return

@@ -67,6 +67,57 @@ def histories(
 
 
 @styled
+def measurement_on_record(
+    time: np.ndarray,
+    excitation: tuple[np.ndarray, str, str],
+    measured: Sequence[tuple[np.ndarray, str, str]],
+    modelled: Sequence[np.ndarray] | None = None,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what drove the structure above what was measured: whether both begin together is seen before anything is sampled.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        Times [s].
+    excitation : tuple of ndarray, str, str
+        The signal, its name and its unit.
+    measured : sequence of tuple of ndarray, str, str
+        The same of each channel.
+    modelled : sequence of ndarray, shape (time,), optional
+        Response of the model at the priors' medians, in the same units.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A panel for the excitation and one for each channel, over one axis of time, and the first fifth of it at a larger scale.
+    """
+    rows = [excitation, *measured]
+    figure, axes = canvas(len(rows), 2, height=1.7, sharex="col", width_ratios=(2, 1))
+    strong = np.cumsum((excitation[0] ** 2).reshape(len(time), -1).sum(axis=1))
+    middle = time[int(np.searchsorted(strong, 0.05 * strong[-1]))]
+    span = 0.1 * (time[-1] - time[0])
+    for row, (values, name, unit) in enumerate(rows):
+        for axis in axes[row]:
+            axis.plot(time, values, color=MUTED if row == 0 else MEASURED, lw=0.9, label="measured")
+            if row and modelled is not None:
+                axis.plot(time, modelled[row - 1], color=MODEL, lw=0.8, label="model at the priors' medians")
+        axes[row, 0].set_ylabel(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name))
+        axes[row, 0].set_xlim(time[0], time[-1])
+        axes[row, 1].set_xlim(max(time[0], middle - span), min(time[-1], middle + span))
+    if modelled is not None:
+        axes[1, 0].legend(loc="upper right", ncol=2)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    return finish(figure, title, save)
+
+
+@styled
 def four_panels(
     time: np.ndarray,
     displacement: np.ndarray,

@@ -50,6 +50,8 @@ STOREY_PARAMETERS = (
     "lambda_",
 )
 """Parameters every storey has; `stiffness` names all storeys' at once, `stiffness_2` the second's."""
+MOST_STOREYS = 200
+"""No building has more; a mistyped number would fill the memory with names."""
 
 STOREY_CHANNELS = (
     "displacement",
@@ -143,8 +145,8 @@ class ShearFrame(TraceableModel):
     substeps: int = DEFAULT_SUBSTEPS
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.storeys, (int, np.integer)) and self.storeys >= 1):
-            raise InputError("ShearFrame.storeys", f"{self.storeys!r}", "a whole number, 1 or more")
+        if not (isinstance(self.storeys, (int, np.integer)) and 1 <= self.storeys <= MOST_STOREYS):
+            raise InputError("ShearFrame.storeys", f"{self.storeys!r}", f"a whole number, 1 to {MOST_STOREYS}")
         if not (isinstance(self.substeps, (int, np.integer)) and self.substeps >= 1):
             raise InputError("ShearFrame.substeps", f"{self.substeps!r}", "a whole number, 1 or more")
         known = ("damping_ratio", *STOREY_PARAMETERS, *(f"{n}_{j}" for n in STOREY_PARAMETERS for j in self._numbers))
@@ -367,7 +369,8 @@ class ShearFrame(TraceableModel):
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:
     """Every parameter name of a frame with this many storeys."""
-    numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, given["storeys"] + 1)]
+    storeys = min(given["storeys"], MOST_STOREYS)  # more are refused where the frame is made
+    numbered = [f"{name}_{j}" for name in STOREY_PARAMETERS for j in range(1, storeys + 1)]
     return ["damping_ratio", *STOREY_PARAMETERS, *numbered]
 
 

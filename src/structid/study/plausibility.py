@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
+import scipy
 
 from structid.errors import Status
+from structid.figures import response as figures
+from structid.ground_motion.excitation import Excitation
+from structid.inference.likelihood.observation import Observation
 from structid.models.prior_checks import TOLERATED, unstable_share
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
@@ -24,6 +30,9 @@ OFFSET = 2.0
 OPPOSITE = -0.6
 """Correlation of model and measurement, below which a sign is likely to be reversed."""
 
+ALIKE, UNLIKE = 0.7, 0.5
+"""Correlation after a shift in time above which it is likely to be real, if without it there is less than this share of it."""
+
 
 @dataclass(frozen=True)
 class Plausibility:
@@ -35,10 +44,46 @@ class Plausibility:
         What was found, a sentence each.
     questions : tuple of str
         What is probably a mistake, a sentence each.
+    pairs : tuple of tuple
+        For each observation whose simulation succeeded, model and measurement channel by channel, for `plot`.
     """
 
     said: tuple[str, ...]
     questions: tuple[str, ...]
+    pairs: tuple[tuple[_Pair, ...], ...] = field(default=(), repr=False)
+
+    def plot(self, folder: str | os.PathLike[str]) -> list[Path]:
+        """Draw each measurement on its record, with the model's response at the priors' medians.
+
+        Parameters
+        ----------
+        folder : path-like
+            Where a PNG and a PDF are written for each observation; made if it is not there.
+
+        Returns
+        -------
+        list of Path
+            The PNG files.
+        """
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        written = []
+        for number, pairs in enumerate(self.pairs, start=1):
+            record, places = pairs[0].record, [(p.channel, p.unit) for p in pairs]
+            shown = [
+                [values / factor(unit) for values, (_, unit) in zip(columns, places, strict=True)]
+                for columns in ([p.measured for p in pairs], [p.modelled for p in pairs])
+            ]
+            name = Path(folder) / f"measurement_{number}"
+            figures.measurement_on_record(
+                record.time,
+                (record.values, record.kind, record.unit),
+                [(values, *place) for values, place in zip(shown[0], places, strict=True)],
+                shown[1],
+                title=f"Measured on {record.name}" if record.name else "",
+                save=name,
+            )
+            written.append(name.with_suffix(".png"))
+        return written
 
 
 def plausibility(study: BuiltStudy) -> Plausibility:
@@ -60,6 +105,7 @@ def plausibility(study: BuiltStudy) -> Plausibility:
     medians = Design(space.from_uniform(np.full((1, space.dimension), 0.5)), space)
     said: list[str] = []
     questions = _stability(study)
+    compared: list[tuple[_Pair, ...]] = []
     for observation in study.posterior.observations:
         run = study.model.simulate(study.model.parameters(medians), observation.record)
         if not run.done[0]:
@@ -68,18 +114,15 @@ def plausibility(study: BuiltStudy) -> Plausibility:
                 f"At the priors' medians the {who} fails on {observation.record.name}: {run.reasons[0]} Are priors and units right?"
             )
             continue
-        for i, channel in enumerate(observation.channels):
-            pair = _Pair(
-                channel,
-                run.units[channel].display,
-                run.channel(channel)[0],
-                observation.values[:, i],
-                observation.record.dt,
-                observation.offset is not None,
-            )
+        pairs = tuple(
+            _Pair(channel, run.units[channel].display, run.channel(channel)[0], observation.values[:, i], observation)
+            for i, channel in enumerate(observation.channels)
+        )
+        compared.append(pairs)
+        for pair in pairs:
             said.append(pair.sentence)
             questions += pair.questions
-    return Plausibility(tuple(said), tuple(questions))
+    return Plausibility(tuple(said), tuple(questions), tuple(compared))
 
 
 def _stability(study: BuiltStudy) -> list[str]:
@@ -106,8 +149,12 @@ class _Pair:
     unit: str
     modelled: np.ndarray
     measured: np.ndarray
-    dt: float
-    offset_is_unknown: bool
+    observation: Observation
+
+    @property
+    def record(self) -> Excitation:
+        """What drove both."""
+        return self.observation.record
 
     @property
     def _peaks(self) -> list[float]:
@@ -115,7 +162,7 @@ class _Pair:
 
     @property
     def _frequencies(self) -> list[float]:
-        return [_main_frequency(values, self.dt) for values in (self.modelled, self.measured)]
+        return [_main_frequency(values, self.record.dt) for values in (self.modelled, self.measured)]
 
     @property
     def sentence(self) -> str:
@@ -135,13 +182,13 @@ class _Pair:
                 f"The {self.channel} of model and measurement differ by more than ten times. Are all units right?"
             )
         low, high = sorted(self._frequencies)
-        if high > OUT_OF_TUNE * max(low, 1.0 / (self.dt * len(self.measured))):
+        if high > OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
             found.append(
                 f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
                 f"{self._frequencies[1]:.2g} Hz. Are mass and stiffness in the units you mean?"
             )
         mean, spread = float(self.measured.mean()), float(self.measured.std())
-        if abs(mean) > OFFSET * spread and not self.offset_is_unknown:
+        if abs(mean) > OFFSET * spread and self.observation.offset is None:
             found.append(
                 f"The measured {self.channel} has a mean of {mean / factor(self.unit):.3g} {self.unit}, {abs(mean) / spread:.1f} "
                 "times its standard deviation. Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
@@ -152,7 +199,31 @@ class _Pair:
                 f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
                 "the instrument's positive direction that of the record?"
             )
-        return found
+        return found + self._shift_questions()
+
+    def _shift_questions(self) -> list[str]:
+        """Whether model and measurement are alike after a shift in time, and not without."""
+        shift, shifted, together = _best_shift(self.modelled, self.measured)
+        if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
+            return []
+        seconds = shift * self.record.dt
+        return [
+            f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
+            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? 'time_shift' "
+            "moves it, and may have a prior."
+        ]
+
+
+def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float, float]:
+    """Samples by which the measurement is late where both are most alike, their correlation there, and without a shift."""
+    first, second = (values - values.mean() for values in (modelled, measured))
+    norm = np.linalg.norm(first) * np.linalg.norm(second)
+    if norm == 0.0:
+        return 0, 0.0, 0.0
+    correlation = scipy.signal.correlate(second, first) / norm
+    shifts = scipy.signal.correlation_lags(len(second), len(first))
+    best = int(np.argmax(correlation))
+    return int(shifts[best]), float(correlation[best]), float(correlation[shifts == 0][0])
 
 
 def _main_frequency(values: np.ndarray, dt: float) -> float:

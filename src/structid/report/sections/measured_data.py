@@ -36,8 +36,10 @@ def _measurement(material: PosteriorMaterial, index: int, folder: Path) -> Pictu
     observation, name = material.observations[index], f"measurement{material.suffix(index)}"
     units = [observation.channel_unit(c).display for c in observation.channels]
     columns = [observation.values[:, i] / factor(u) for i, u in enumerate(units)]
-    figures.histories(observation.record.time, columns, observation.channels, units, save=folder / name)
-    return Picture(name, f"The measurement on {observation.record.name}.")
+    measured = list(zip(columns, observation.channels, units, strict=True))
+    record = observation.record
+    figures.measurement_on_record(record.time, (record.values, record.kind, record.unit), measured, save=folder / name)
+    return Picture(name, f"The measurement on {record.name}; on the right where the motion begins.")
 
 
 SECTION = Section("data", "Data", _drawings, nothing)
