@@ -180,3 +180,11 @@ def test_a_peak_that_is_no_peak_is_refused(peak):
 def test_an_interval_outside_the_record_is_refused(start, end):
     with pytest.raises(InputError, match="an interval within 0 s to 40 s"):
         si.GroundMotion.synthetic(seed=1).trim(start, end)
+
+
+@pytest.mark.parametrize(
+    "change", [lambda r: r.highpass(1e-9), lambda r: r.highpass(0.1, order=99), lambda r: r.highpass(0.1, order=0)]
+)
+def test_filters_that_float64_cannot_hold_are_refused(change):
+    with pytest.raises(InputError, match="highpass"):
+        change(si.GroundMotion.synthetic(seed=1))

@@ -109,3 +109,8 @@ def test_bad_frames_are_refused():
         si.ShearFrame(storeys=2, mass=1.0, stiffness=1.0, **LAW).simulate(
             NOTHING_FREE, si.DisplacementHistory(np.zeros(5), 0.1)
         )
+
+
+def test_a_mistyped_number_of_storeys_is_refused_at_once():
+    with pytest.raises(InputError, match="1 to 200"):
+        si.ShearFrame(storeys=999_999_999, mass=12_000.0, stiffness=2e7, damping_ratio=0.03)

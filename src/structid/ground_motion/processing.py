@@ -17,6 +17,12 @@ STOPBAND_RATIO = 1.25
 """Stopband edge divided by passband edge: 25 Hz for 20 Hz."""
 
 
+LOWEST_EDGE = 1e-5
+"""Lowest edge of a filter, as a share of the Nyquist frequency: below it the filter is singular in float64."""
+MOST_ORDER = 30
+"""Highest order of a filter."""
+
+
 def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
     """Subtract the mean or the least-squares line.
 
@@ -90,8 +96,15 @@ def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float
             f"{edges} Hz",
             f"increasing frequencies between 0 and the Nyquist frequency {nyquist:g} Hz",
         )
-    if order < 1:
-        raise InputError(f"{band} order", f"{order}", "1 or more")
+    if pair.min() < LOWEST_EDGE * nyquist:
+        raise InputError(
+            f"{band} edge",
+            f"{edges} Hz at a time step of {dt:g} s",
+            f"{LOWEST_EDGE * nyquist:g} Hz or more",
+            "The filter would take longer than the record to respond.",
+        )
+    if not 1 <= order <= MOST_ORDER:
+        raise InputError(f"{band} order", f"{order}", f"1 to {MOST_ORDER}")
     sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
     if signal.size <= 3 * (2 * len(sections) + 1):
         raise InputError(band, f"a record of {signal.size} samples", f"more than {3 * (2 * len(sections) + 1)} samples")
