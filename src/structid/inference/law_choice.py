@@ -64,10 +64,13 @@ class LawChoice(ShownAsText):
         Draws under each law, the simplest law first.
     added_only : bool
         Whether laws with errors inside the model are passed over, because their hidden values could not be sampled reliably.
+    remark : str
+        A further sentence on the choice.
     """
 
     results: tuple[SamplingResult, ...] = field(repr=False)
     added_only: bool = False
+    remark: str = ""
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -115,7 +118,8 @@ class LawChoice(ShownAsText):
         said = f"The data choose {self.laws[self.chosen]}{self._margin}."
         if not self.posterior.law.inside:
             return said
-        return f"{said} {ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)}"
+        drift = ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)
+        return " ".join(filter(None, (said, drift, self.remark)))
 
     @property
     def _margin(self) -> str:

@@ -1,20 +1,54 @@
-"""What a study will cost, from a few timed runs of its model."""
+"""What a study will cost, from a few timed runs of its model and of its likelihood under each law of the errors."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from structid.calibration.plan import Plan
 from structid.errors import InputError, Status
+from structid.inference.law_choice import EXPLORER, usual_laws
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Sampler
 from structid.study.building.built_study import BuiltStudy
+from structid.study.stages.law_of_errors import sampler_under
 
 USUAL_ROUNDS = 4
 """Rounds that a calibration of the benchmark study takes."""
 SLOW = 20.0
 """Seconds of a batch, beyond which it is timed once."""
+SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
+"""Runs that a search takes from each start, and how often all starts are linearised together, on the benchmark studies."""
+OVERHEAD = 0.4e-6
+"""Seconds that a sampler itself takes for a move and each of its parameters."""
+SURROGATE = {"fitting": 3.0, "exploring": 3.0, "choosing the law of the errors": 4.0, "sampling": 15.0}
+"""Seconds that these take on the benchmark study, 4001 samples long. A surrogate's own speed is known once it is fitted."""
+BENCHMARK_SAMPLES = 4001
+"""Length of the benchmark study's record."""
+PAGE = 14.0
+"""Seconds of predictions, figures and page."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a study, and what it will take.
+
+    Parameters
+    ----------
+    what : str
+        In words.
+    seconds : float
+        On this machine.
+    runs : int
+        Model runs in it, if it is counted in those.
+    """
+
+    what: str
+    seconds: float
+    runs: int = 0
 
 
 @dataclass(frozen=True)
@@ -23,43 +57,48 @@ class Cost:
 
     Parameters
     ----------
-    true_runs, sampling_runs : int
-        Model runs of the campaign, and in sampling.
+    parts : tuple of Part
+        In the order of the run.
     batch : int
         Runs done together; 1 for an external model.
-    seconds_per_run : float
-        Time of one run.
-    through_a_surrogate : bool
-        Whether a surrogate is fitted to the campaign and sampled, at a cost that timing the model does not show.
     plan : Plan or None
         How the campaign's runs are spent on a certified calibration.
+    otherwise : Part or None
+        What sampling takes instead, if the data choose parameters that drift.
     """
 
-    true_runs: int
-    sampling_runs: int
+    parts: tuple[Part, ...]
     batch: int
-    seconds_per_run: float
-    through_a_surrogate: bool = False
     plan: Plan | None = None
+    otherwise: Part | None = None
+
+    @property
+    def seconds(self) -> float:
+        """In all [s]."""
+        return sum(part.seconds for part in self.parts)
 
     def __str__(self) -> str:
-        together = f"in batches of {self.batch}, " if self.batch > 1 else "one after another, "
         lines = []
-        for what, runs in (("Campaign", self.true_runs), ("Sampling", self.sampling_runs)):
-            if runs:
-                each, total = 1e3 * self.seconds_per_run, duration(runs * self.seconds_per_run)
-                lines.append(
-                    f"{what}: {runs:,} model runs {together}{each:.3g} ms a run: about {total} on this machine"
-                )
-        if self.plan is not None:
-            lines.append(_rounds(self.plan))
-        if self.through_a_surrogate:
-            lines.append("Fitting and sampling the surrogate come on top: half a minute to a few minutes.")
+        for part in self.parts:
+            lines.append(f"{part.what}: {self._counted(part)}about {duration(part.seconds)}")
+            if part.what == "Campaign" and self.plan is not None:
+                lines.append(_rounds(self.plan))
+        lines.append(f"In all about {duration(self.seconds)} on this machine.")
+        if self.otherwise is not None:
+            lines.append(
+                f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead."
+            )
         if self.batch == 1:
             lines.append(
                 "With --executor the runs of an external model are shared out: divide by the number of workers."
             )
         return "\n".join(lines)
+
+    def _counted(self, part: Part) -> str:
+        if not part.runs:
+            return ""
+        together = f"in batches of {self.batch:,}" if self.batch > 1 else "one after another"
+        return f"{part.runs:,} model runs {together}, {1e3 * part.seconds / part.runs:.3g} ms a run: "
 
 
 def _rounds(plan: Plan) -> str:
@@ -94,7 +133,7 @@ def duration(seconds: float) -> str:
 
 
 def estimate(study: BuiltStudy) -> Cost:
-    """Time a few batches of the posterior and scale them up.
+    """Time a few batches of everything that a study repeats, and scale them up.
 
     Parameters
     ----------
@@ -104,29 +143,115 @@ def estimate(study: BuiltStudy) -> Cost:
     Returns
     -------
     Cost
-        What true runs and sampling will take.
+        Part by part.
     """
-    true_runs = 0 if study.campaign is None else len(study.campaign)
+    batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
+    # The first may include a compilation, or start a process.
+    each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
+    runs = _true_runs(study)
+    parts = [Part("Campaign", runs * each, runs)] if runs else []
+    otherwise = None
+    if study.posterior is not None:
+        if study.has_surrogate:
+            parts += _through_a_surrogate(study)
+        elif study.posterior.costs_runs:
+            evaluations = study.sampler.evaluations(study.posterior.dimension)
+            parts.append(Part("Sampling", evaluations * each, evaluations))
+        else:
+            parts += [*_choice(study), *_searches(study), _sampling(study.posterior, study.sampler)]
+            drifting = _drifting(study)
+            otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
+        parts.append(Part("Predictions, figures and page", PAGE))
+    return Cost(tuple(parts), batch, study.plan, otherwise)
+
+
+def _true_runs(study: BuiltStudy) -> int:
+    """Runs of the model itself before anything is sampled, and those that decide on a surrogate's proposals."""
+    runs = 0 if study.campaign is None else len(study.campaign)
     if study.plan is not None:
-        true_runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
-    elif study.has_surrogate:  # samples itself, in seconds
-        true_runs += study.validation_runs
+        runs = study.plan.true_runs * len({o.record.content_hash for o in study.sampled.observations})
+    elif study.has_surrogate:
+        runs += study.validation_runs
     if study.sampler.exact:
-        true_runs += study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
-    sampling_runs = (
-        0
-        if study.posterior is None or study.has_surrogate
-        else study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
-    )
-    if study.model.batched:
-        batch = study.sampler.ensembles * study.sampler.walkers // 2
-        each = _median_time(study, batch, repeats=6)[1:]
-    else:
-        batch, each = 1, _median_time(study, 1, repeats=4)[1:]  # the first starts a process
-    return Cost(true_runs, sampling_runs, batch, float(np.median(each)), study.has_surrogate, study.plan)
+        runs += study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
+    return runs
 
 
-def _median_time(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
+def _through_a_surrogate(study: BuiltStudy) -> list[Part]:
+    """A surrogate fitted, explored and sampled, by what that took on the benchmark study."""
+    longer = sum(len(o.record) * len(o.channels) for o in study.sampled.observations) / BENCHMARK_SAMPLES
+    rounds = 1 if study.plan is None else min(study.plan.rounds, USUAL_ROUNDS) + 1
+    parts = [Part("Fitting the surrogate", SURROGATE["fitting"] * rounds * longer)]
+    if study.plan is not None:
+        parts.append(Part("Exploring its posterior", SURROGATE["exploring"] * rounds * longer))
+    if study.law_is_open:
+        what = "choosing the law of the errors"
+        parts.append(Part(what.capitalize(), SURROGATE[what] * longer))
+    return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer)]
+
+
+def _drifting(study: BuiltStudy) -> Posterior | None:
+    """The posterior with drifting parameters, if the data may choose them and they can be sampled in lanes."""
+    if not study.law_is_open:
+        return None
+    under = [study.sampled.on(law=law) for law in usual_laws(study.model) if law.inside]
+    return next((of for of in under if of.in_lanes), None)
+
+
+def _choice(study: BuiltStudy) -> list[Part]:
+    """The choice of the law, each law sampled."""
+    if not study.law_is_open:
+        return []
+    under = [study.sampled.on(law=law) for law in usual_laws(study.model)]
+    tried = [of for of in under if of.in_lanes or not of.law.inside]
+    return [Part("Choosing the law of the errors", sum(_sampling(of, EXPLORER).seconds for of in tried))]
+
+
+def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
+    """Draws of a posterior, those of the start and those that are discarded included."""
+    evaluations = sampler.evaluations(posterior.dimension)
+    together = sampler.ensembles * sampler.walkers
+    phi = posterior.initial(together if sampler.needs_derivatives else max(together // 2, 64), np.random.default_rng(0))
+    each = _shortest(
+        _gradient(posterior, phi) if sampler.needs_derivatives else lambda: posterior.evaluate_parts(phi)
+    ) / len(phi)
+    return Part("Sampling", evaluations * (each + OVERHEAD * posterior.dimension), evaluations)
+
+
+def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:
+    """The gradient of the log density at some points, to be timed."""
+    import jax
+
+    density, data = posterior.traceable()
+    gradient = jax.jit(jax.grad(lambda points: density(points, data).sum()))
+    return lambda: jax.block_until_ready(gradient(phi))
+
+
+def _searches(study: BuiltStudy) -> list[Part]:
+    """Deterministic searches: runs, and linearisations from all starts at once."""
+    misfit, starts, parts = study.sampled.misfit, study.file.deterministic.starts, []
+    theta = study.space.sample(starts, seed=study.file.seed).columns(misfit.names)
+    for method in study.search_methods:
+        runs, linearised = SEARCHED[method]
+        seconds = runs * _shortest(lambda: misfit(theta))
+        if misfit.differentiable:
+            seconds += linearised * _shortest(lambda: misfit.linearised(theta))
+        parts.append(Part(method.replace("_", " ").capitalize(), seconds))
+    return parts
+
+
+def _shortest(call: Callable[[], object], repeats: int = 3) -> float:
+    """Shortest of some times of a call, after one that may compile [s]."""
+    call()
+    seconds = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        call()
+        seconds.append(time.perf_counter() - began)
+    return min(seconds)
+
+
+def _seconds_per_run(study: BuiltStudy, batch: int, repeats: int) -> list[float]:
     """Seconds per run of a batch from the prior, for each repeat. The first may include a compilation."""
     theta = study.model.parameters(study.space.sample(batch, seed=study.file.seed))
     seconds = []

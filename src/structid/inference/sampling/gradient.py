@@ -33,6 +33,9 @@ from structid.streams import Purpose, stream
 START_TRIES = 20
 """Rounds of drawing starting points of finite density."""
 
+LEAPFROGS = 12
+"""Of a trajectory, on usual posteriors."""
+
 
 @names_checked
 @dataclass(frozen=True)
@@ -95,6 +98,21 @@ class NUTS(Sampler):
             For hashes; more steps continue the same chains.
         """
         return {"kind": "nuts", **{k: v for k, v in asdict(self).items() if k != "steps"}}
+
+    def evaluations(self, dimension: int) -> int:
+        """Gradients that will be evaluated, about; see `Sampler.evaluations`.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+
+        Returns
+        -------
+        int
+            Of all chains, with those of the warm-up.
+        """
+        return self.chains * (self.warm_up + self.steps) * LEAPFROGS
 
     @property
     def in_words(self) -> str:

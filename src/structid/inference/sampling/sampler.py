@@ -206,6 +206,21 @@ class Sampler(ABC):
             By name.
         """
 
+    def evaluations(self, dimension: int) -> int:
+        """Densities that will be evaluated, about; those of the start and of discarded draws included.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+
+        Returns
+        -------
+        int
+            Of the target that is sampled.
+        """
+        return self.steps * self.ensembles * self.walkers
+
     @property
     @abstractmethod
     def in_words(self) -> str:

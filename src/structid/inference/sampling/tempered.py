@@ -37,6 +37,9 @@ from structid.streams import Purpose, stream
 
 MOST_STAGES = 200
 """Stages after which the tempering is given up."""
+EVALUATIONS = (1.4, 25.0)
+"""Of a particle in a tempering: the first times the square of the number of parameters, or if that is less the second times their
+number, for stages and moves as long as `SMC.evaluations` says. Posteriors of 5 to 36 parameters took half to twice as many."""
 NEGLIGIBLE = 1e-3
 """Mass of a lost mode, as a share of what was found, for which particles do not begin again."""
 MORE_BY = 3.0
@@ -128,6 +131,24 @@ class SMC(Sampler):
             For hashes; more steps continue the same particles.
         """
         return {"kind": "smc", **{k: v for k, v in asdict(self).items() if k != "steps"}}
+
+    def evaluations(self, dimension: int) -> int:
+        """Densities that will be evaluated, about; see `Sampler.evaluations`.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+
+        Returns
+        -------
+        int
+            In the tempering, which takes longer in more dimensions, in the search for modes, and at β = 1.
+        """
+        # Stages are the more the larger the share that is left, and moves the more the smaller the correlation must become.
+        longer = np.log(self.correlation) / np.log(self.effective_share)
+        tempering = dimension * min(EVALUATIONS[0] * dimension, EVALUATIONS[1]) * longer
+        return int(self.ensembles * self.particles * (tempering + self.scouts * (15 + dimension) + self.steps))
 
     @property
     def in_words(self) -> str:

@@ -5,8 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structid.inference.law_choice import LawChoice, choose_among
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.sampler import Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.streams import Purpose, derived_seed
+from structid.study.building.built_study import BuiltStudy
 from structid.study.building.samplers import build_sampler
 from structid.study.folder import LAWS
 from structid.study.stages.stage import Findings, StudyStage, Workplace
@@ -15,6 +18,9 @@ WITH_HIDDEN_VALUES = SMC(
     particles=500, ensembles=4, steps=250, effective_share=0.5, correlation=0.4, independent=0.2, scouts=0
 )
 """Sampler of a study that names none, where parameters drift: the values at the knots are tens of further parameters."""
+
+FOR_CORRELATED_ERRORS = SMC(particles=500, steps=300)
+"""The same where errors are correlated: a variance with a heavy tail takes a hundred moves."""
 
 
 def _run(found: Findings, place: Workplace) -> Findings:
@@ -43,18 +49,51 @@ def with_law(found: Findings, choice: LawChoice) -> Findings:
     Returns
     -------
     Findings
-        With posteriors under the chosen one, and a sampler for its hidden values where the study names none.
+        With posteriors under the chosen one, and a sampler for its hidden values where the study names none that can draw them.
     """
     study, law = found.study, choice.posterior.law
     assert found.true_posterior is not None
-    sampler = study.sampler
-    if "sampler" not in study.file.model_fields_set:
-        sampler = WITH_HIDDEN_VALUES if law.inside else build_sampler(study.file.sampler)
+    posterior = study.sampled.on(law=law)
+    sampler = sampler_under(study, posterior)
+    another = sampler is WITH_HIDDEN_VALUES and "sampler" in study.file.model_fields_set
     return replace(
         found,
-        law_choice=choice,
+        law_choice=replace(choice, remark=_remark(study, posterior) if another else ""),
         true_posterior=found.true_posterior.on(law=law),
-        study=replace(study, posterior=study.sampled.on(law=law), sampler=sampler),
+        study=replace(study, posterior=posterior, sampler=sampler),
+    )
+
+
+def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
+    """Choose the sampler for a posterior under another law.
+
+    Parameters
+    ----------
+    study : BuiltStudy
+        With its own sampler.
+    posterior : Posterior
+        Under the law.
+
+    Returns
+    -------
+    Sampler
+        The study's, if it names one that has enough walkers. Else `WITH_HIDDEN_VALUES` or `FOR_CORRELATED_ERRORS`.
+    """
+    own = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
+    named = "sampler" in study.file.model_fields_set
+    if named and not (posterior.law.inside and own.interacting and own.walkers < 2 * posterior.dimension):
+        return own
+    if posterior.law.inside:
+        return WITH_HIDDEN_VALUES
+    return own if posterior.law.added.independent else FOR_CORRELATED_ERRORS
+
+
+def _remark(study: BuiltStudy, posterior: Posterior) -> str:
+    """What the reader must know where the sampler that the study names is not taken."""
+    walkers, dimension = build_sampler(study.file.sampler).walkers, posterior.dimension
+    return (
+        f"The {walkers} walkers of the study's sampler cannot span these {dimension} values, knots included; {2 * dimension} or "
+        f"more could. Drawn instead by {WITH_HIDDEN_VALUES.in_words}."
     )
 
 

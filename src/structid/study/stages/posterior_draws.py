@@ -13,10 +13,12 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 def _run(found: Findings, place: Workplace) -> Findings:
     result, choice = _drawn(found, place, CHAINS), found.law_choice
+    seconds = result.seconds
     if choice is not None and choice.posterior.law.inside and not result.verdict().converged:
         found = with_law(found, replace(choice, added_only=True))
         result = _drawn(found, place, CHAINS_WITHOUT_HIDDEN)
-    place.timings.put("sampling", result.seconds)
+        seconds += result.seconds
+    place.timings.put("sampling", seconds)
     return replace(found, result=result)
 
 

@@ -1,0 +1,94 @@
+"""What a study is said to cost: every part of it, by counts that hold within a factor of two."""
+
+import re
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.inference.law_choice import EXPLORER, usual_laws
+from structid.study.cost import Cost, Part, estimate
+from structid.study.run import load
+from structid.study.stages.law_of_errors import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
+from studies import PLAIN, SMALL
+
+AUTO = SMALL.replace('kind = "iid"', 'kind = "auto"')
+
+
+def written(folder, text):
+    (folder / "study.toml").write_text(text)
+    return load(folder / "study.toml")
+
+
+def without_sampler(text):
+    return re.sub(r"\[sampler\].*?(?=\[deterministic\])", "", text, flags=re.DOTALL)
+
+
+def evaluations(posterior, sampler):
+    """Densities that a run evaluates."""
+    count = 0
+    parts = type(posterior).evaluate_parts
+
+    def counted(phi):
+        nonlocal count
+        count += len(phi)
+        return parts(posterior, phi)
+
+    posterior.evaluate_parts = counted
+    si.sample(posterior, sampler, seed=1)
+    return count
+
+
+@pytest.mark.parametrize("law", [0, 1, 2])
+@pytest.mark.parametrize("sampler", [EXPLORER, si.SMC(particles=200, steps=20)])
+def test_a_tempering_takes_about_as_many_densities_as_it_says(tmp_path, law, sampler):
+    posterior = written(tmp_path, SMALL).posterior
+    posterior = posterior.on(law=usual_laws(posterior.model)[law])
+    ratio = sampler.evaluations(posterior.dimension) / evaluations(posterior, sampler)
+    print(ratio)
+    assert 0.5 < ratio < 2.0, ratio
+
+
+def test_all_parts_are_in_the_sum(tmp_path):
+    cost = estimate(written(tmp_path, AUTO))
+    said = str(cost)
+    for part in ("Choosing the law", "Pattern search", "Interior point", "Sampling", "figures and page", "In all"):
+        assert part in said
+    assert cost.seconds == pytest.approx(sum(part.seconds for part in cost.parts))
+    assert "If the data choose parameters that drift" in said
+    assert "drift" not in str(estimate(written(tmp_path, SMALL)))
+
+
+def test_parts_are_said_in_words():
+    cost = Cost((Part("Campaign", 2.5, 1000), Part("Predictions, figures and page", 200.0)), 50)
+    assert str(cost).splitlines() == [
+        "Campaign: 1,000 model runs in batches of 50, 2.5 ms a run: about 2 s",
+        "Predictions, figures and page: about 3 min",
+        "In all about 3 min on this machine.",
+    ]
+
+
+def test_draws_of_a_start_and_discarded_draws_are_counted(tmp_path):
+    study = written(tmp_path, PLAIN)
+    sampling = (
+        next(part for part in estimate(study).parts if part.what == "Sampling") if not study.has_surrogate else None
+    )
+    assert sampling is None or sampling.runs == study.sampler.steps * study.sampler.ensembles * study.sampler.walkers
+    assert si.NUTS().evaluations(5) > 10 * 4 * 1500
+
+
+def test_a_sampler_of_too_few_walkers_is_not_taken_for_values_at_knots(tmp_path):
+    """Nor is it found out after the law has been chosen, for half a minute."""
+    study = written(tmp_path, AUTO)
+    laws = usual_laws(study.model)
+    drifting = study.posterior.on(law=next(law for law in laws if law.inside))
+    assert study.sampler.walkers < 2 * drifting.dimension
+    assert sampler_under(study, drifting) is WITH_HIDDEN_VALUES
+    assert sampler_under(study, study.posterior) == study.sampler
+    many = written(tmp_path, AUTO.replace("walkers = 12", "walkers = 100"))
+    assert sampler_under(many, drifting) == many.sampler
+    none = written(tmp_path, without_sampler(AUTO))
+    assert sampler_under(none, drifting) is WITH_HIDDEN_VALUES
+    assert sampler_under(none, study.posterior.on(law=laws[2])) is FOR_CORRELATED_ERRORS
+    assert sampler_under(none, study.posterior) == none.sampler
+    assert np.isfinite(estimate(none).otherwise.seconds)
