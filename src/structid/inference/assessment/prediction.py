@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
+from structid.inference.assessment.band_scale import BandScale
 from structid.inference.assessment.error_growth import error_growth
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import Discrepancy
@@ -97,7 +99,8 @@ def predict(
         The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
         those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
         The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
-        drift in another way, as far as they did on the measured one.
+        drift in another way, as far as they did on the measured one. Both together are scaled so that the measured record, had it
+        been predicted like this, would be inside its 90 % band as often as the band says (`BandScale`).
     channels : tuple of str, optional
         What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
@@ -113,8 +116,51 @@ def predict(
     Prediction
         Draws whose simulation succeeded.
     """
+    record = posterior.observations[0].record if record is None else record
+    measured = any(o.record is record for o in posterior.observations)
+    prediction = _predicted(posterior, theta, record, channels, seed, progress, drift)
+    # The measured record once more costs an expensive model as many runs again.
+    if measured or posterior.costs_runs:
+        return prediction
+    return _scaled(prediction, _band_scale(posterior, theta, seed, drift), posterior, record.dt)
+
+
+def _band_scale(posterior: Posterior, theta: np.ndarray, seed: int, drift: ParameterDrift | None) -> BandScale:
+    """What a prediction of the first measured record, made as for another one, would have held of it."""
+    observation = posterior.observations[0]
+    another = copy.copy(observation.record)  # records are told apart by identity
+    prediction = _predicted(posterior, theta, another, None, seed, None, drift, instrument=True)
+    return BandScale.of(observation.values, prediction.observable, another.dt)
+
+
+def _scaled(prediction: Prediction, scale: BandScale, posterior: Posterior, dt: float) -> Prediction:
+    """A prediction with errors as large as they were on the measured record, in the channels that were measured there."""
+    known = posterior.observations[0].channels
+    here = [place for place, channel in enumerate(prediction.channels) if channel in known]
+    there = [known.index(prediction.channels[place]) for place in here]
+    own = BandScale(scale.strong[there], scale.quiet[there])
+
+    def applied(draws: np.ndarray) -> np.ndarray:
+        found = draws.copy()
+        found[:, :, here] = own.applied(draws[:, :, here], dt)
+        return found
+
+    structural = prediction.response if prediction.structural is None else prediction.structural
+    return replace(prediction, observable=applied(prediction.observable), structural=applied(structural))
+
+
+def _predicted(
+    posterior: Posterior,
+    theta: np.ndarray,
+    record: Excitation,
+    channels: tuple[str, ...] | None,
+    seed: int,
+    progress: Progress | None,
+    drift: ParameterDrift | None,
+    instrument: bool = False,
+) -> Prediction:
+    """Draws of the response; of another record with the first observation's instrument only if asked for."""
     observations = posterior.observations
-    record = observations[0].record if record is None else record
     fit, hidden = theta, stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
     if drift is not None and not posterior.law.inside and all(o.record is not record for o in observations):
         theta = drift.moved(theta, hidden)
@@ -129,7 +175,7 @@ def predict(
     response = run.values[good][:, :, [run.channels.index(c) for c in every]]
     unknown = posterior.unknowns(theta[good], index or 0)
     measured = slice(0, len(observation.channels))
-    if index is not None and len(response):
+    if (index is not None or instrument) and len(response):
         shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
         response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
     growth = error_growth(posterior, fit.mean(axis=0), index or 0)
