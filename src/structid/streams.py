@@ -62,6 +62,7 @@ class Purpose(IntEnum):
     SEARCH_STARTS = 91
 
     LAW_CHOICE = 95
+    TIMED_DRAWS = 96
 
     VALIDATION_DESIGN = 0x76616C
     RECORD = 0x67726F75

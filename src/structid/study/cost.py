@@ -13,6 +13,7 @@ from structid.errors import InputError, Status
 from structid.inference.law_choice import EXPLORER, usual_laws
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Sampler
+from structid.streams import Purpose, stream
 from structid.study.building.built_study import BuiltStudy
 from structid.study.stages.law_of_errors import sampler_under
 
@@ -211,7 +212,9 @@ def _sampling(posterior: Posterior, sampler: Sampler) -> Part:
     """Draws of a posterior, those of the start and those that are discarded included."""
     evaluations = sampler.evaluations(posterior.dimension)
     together = sampler.ensembles * sampler.walkers
-    phi = posterior.initial(together if sampler.needs_derivatives else max(together // 2, 64), np.random.default_rng(0))
+    phi = posterior.initial(
+        together if sampler.needs_derivatives else max(together // 2, 64), stream(0, Purpose.TIMED_DRAWS)
+    )
     each = _shortest(
         _gradient(posterior, phi) if sampler.needs_derivatives else lambda: posterior.evaluate_parts(phi)
     ) / len(phi)
