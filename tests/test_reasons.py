@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.reasons import general_reason
+from structid.reasons import counted_reasons, general_reason
 
 
 @pytest.mark.parametrize(
@@ -16,3 +16,11 @@ from structid.reasons import general_reason
 )
 def test_reasons_are_counted_by_kind(reason, general):
     assert general_reason(reason) == (general or "exit code 3; it last said: zero pivot … in row 17")
+
+
+def test_reasons_beyond_the_first_ten_are_counted():
+    failures = [(f"reason {i}", 20 - i) for i in range(13)]
+    lines = counted_reasons(failures)
+    assert lines[0].split() == ["20", "x", "reason", "0"] and len(lines) == 11
+    assert "27 for 3 more reasons" in lines[-1] and "--failed" in lines[-1]
+    assert len(counted_reasons(failures[:10])) == 10

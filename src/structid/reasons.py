@@ -3,12 +3,37 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 _LAST_SAID = "; it last said: "
 _PLACE = re.compile(r" \[kept: [^\]]*\]")
 _NUMBER = re.compile(
     r"(?<!within )(?<![\w.])[-+]?(?:\d+\.\d*(?:e[-+]?\d+)?|\d+e[-+]?\d+)(?!\w)|(?<=returned )\d+|(?<=from )\d+(?= s on)"
 )
+
+
+SHOWN = 10
+"""Reasons that a list of them shows."""
+
+
+def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
+    """List reasons with their counts, the most frequent first, and how many more there are.
+
+    Parameters
+    ----------
+    failures : sequence of tuple of str and int
+        Reasons and how often each was given.
+
+    Returns
+    -------
+    list of str
+        A line each.
+    """
+    lines = [f"  {count:6d} x {reason}" for reason, count in failures[:SHOWN]]
+    runs = sum(count for _, count in failures[SHOWN:])
+    if runs:
+        lines.append(f"  {runs:6d} for {len(failures) - SHOWN} more reasons: see .failures, or structid runs --failed")
+    return lines
 
 
 def with_words(how: str, words: str) -> str:

@@ -18,7 +18,7 @@ from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
 from structid.notebook import ShownAsText
 from structid.probability.space import Design
-from structid.reasons import general_reason
+from structid.reasons import counted_reasons, general_reason
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -382,8 +382,7 @@ class Runs(ShownAsText):
         ]
         counts = [f"{count} {status.words}" for status, count in self.counts.items() if count]
         lines.append("  " + ", ".join(counts))
-        lines += [f"  {count:6d} x {reason}" for reason, count in self.failures[:10]]
-        return "\n".join(lines)
+        return "\n".join([*lines, *counted_reasons(self.failures)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -73,9 +73,10 @@ def ranks(
     replicas: int,
     half: np.ndarray,
     most: np.ndarray,
+    places: np.ndarray,
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw histograms of the rank of the truth among posterior draws.
+    """Draw histograms of the rank of the truth among posterior draws, and how far their distribution is from the uniform one.
 
     Parameters
     ----------
@@ -87,32 +88,43 @@ def ranks(
         Total number of replicas.
     half, most : ndarray, shape (parameter,)
         Fractions of the replicas whose 50 and 90 % intervals contain the truth.
+    places : ndarray, shape (replica, parameter)
+        The ranks, between 0 and 1.
     save : path-like, optional
         File name without extension; a PNG and a PDF are written.
 
     Returns
     -------
     Figure
-        One panel for each parameter. The grey band contains 99 % of the bins if the ranks are uniform.
+        Two panels for each parameter. If the ranks are uniform, the grey band contains 99 % of the bins, and in 99 % of all figures
+        the whole of the line below, the empirical distribution function minus the uniform one.
     """
     bins = counts.shape[1]
     low, high = scipy.stats.binom.ppf([0.005, 0.995], replicas, 1.0 / bins)
+    largest = scipy.stats.kstwo.ppf(0.99, replicas)  # Kolmogorov and Smirnov
     columns = min(len(names), 3)
     rows = -(-len(names) // columns)
-    figure, axes = canvas(rows, columns, height=2.1, sharey=True)
-    for axis in axes.ravel()[len(names) :]:
+    figure, axes = canvas(2 * rows, columns, height=1.6, sharey="row")
+    uppers, lowers = axes[0::2].ravel(), axes[1::2].ravel()
+    for axis in (*uppers[len(names) :], *lowers[len(names) :]):
         axis.set_visible(False)
-    edges = np.linspace(0.0, 1.0, bins + 1)
-    for axis, name, count, a, b in zip(axes.ravel(), names, counts, half, most, strict=False):
-        axis.axhspan(low, high, color=MUTED, alpha=0.3, lw=0)
-        axis.axhline(replicas / bins, color=MUTED, lw=0.8)
+    edges, across = np.linspace(0.0, 1.0, bins + 1), np.linspace(0.0, 1.0, 1001)
+    for upper, lower, name, count, a, b, place in zip(
+        uppers, lowers, names, counts, half, most, places.T, strict=False
+    ):
+        upper.axhspan(low, high, color=MUTED, alpha=0.3, lw=0)
+        upper.axhline(replicas / bins, color=MUTED, lw=0.8)
         outside = (count < low) | (count > high)
-        colours = np.where(outside, MODEL, ACCENT)
-        axis.bar(edges[:-1], count, width=0.94 / bins, align="edge", color=list(colours))
-        axis.set_title(pretty(name))
-        axis.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
-        axis.set_xlim(0.0, 1.0)
-        axis.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
-    for axis in axes[:, 0]:
-        axis.set_ylabel("replicas")
+        upper.bar(edges[:-1], count, width=0.94 / bins, align="edge", color=list(np.where(outside, MODEL, ACCENT)))
+        upper.set_title(pretty(name))
+        away = np.searchsorted(np.sort(place), across, side="right") / replicas - across
+        lower.axhspan(-largest, largest, color=MUTED, alpha=0.3, lw=0)
+        lower.plot(across, away, lw=1.0, color=MODEL if np.abs(away).max() > largest else ACCENT)
+        lower.set_xlabel(f"rank of the truth\n50 % holds {a:.0%}, 90 % holds {b:.0%}")
+        for axis in (upper, lower):
+            axis.set_xlim(0.0, 1.0)
+            axis.set_xticks([0.0, 0.5, 1.0], ["0", "0.5", "1"])
+    for upper, lower in zip(axes[0::2, 0], axes[1::2, 0], strict=True):
+        upper.set_ylabel("replicas")
+        lower.set_ylabel("ECDF − uniform")
     return finish(figure, save=save)

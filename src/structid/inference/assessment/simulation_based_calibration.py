@@ -177,7 +177,7 @@ class Ranks:
         return "\n".join(lines)
 
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
-        """Draw the rank histograms.
+        """Draw the rank histograms and the distribution functions of the ranks.
 
         Parameters
         ----------
@@ -187,13 +187,12 @@ class Ranks:
         Returns
         -------
         Figure
-            One panel per parameter.
+            Two panels per parameter.
         """
         from structid.figures.calibration import ranks
 
-        return ranks(
-            self.names, self.histogram(self.bins), len(self.truth), self.coverage(0.5), self.coverage(0.9), save=save
-        )
+        held = self.coverage(0.5), self.coverage(0.9)
+        return ranks(self.names, self.histogram(self.bins), len(self.truth), *held, self._places, save=save)
 
 
 def sbc(

@@ -188,7 +188,7 @@ class DelayedAcceptance(Sampler):
             raise InputError(
                 "DelayedAcceptance.walkers",
                 f"{self.walkers} for {target.dimension} parameters",
-                f"{2 * target.dimension} or more: an ensemble must span the space",
+                f"{2 * target.dimension} or more (32 where none are named): an ensemble must span the space",
             )
         if not blocks:
             state, runs, failed = self._start(target, proposing, seed, start)

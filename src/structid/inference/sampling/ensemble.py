@@ -212,6 +212,7 @@ def starting_state(
             "AIES.walkers",
             f"{settings.walkers} for {target.dimension} parameters",
             f"{2 * target.dimension} or more: an ensemble must span the space",
+            "A study that names none has 32.",
         )
     rng = stream(seed, Purpose.ENSEMBLE_START, 0)
     total = settings.ensembles * settings.walkers
