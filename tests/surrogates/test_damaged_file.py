@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
 from structid.surrogates.registry import load_surrogate
 
 RECORD = si.GroundMotion.synthetic(seed=3).trim(3.0, 5.0)
@@ -71,3 +71,22 @@ def test_the_checksum_is_of_the_content(tmp_path):
         file["arrays"][names[0]][...] = file["arrays"][names[0]][...] * 1.001
     with pytest.raises(InputError, match="checksum is wrong"):
         load_surrogate(path)
+
+
+def test_only_damaged_runs_are_done_again(tmp_path):
+    """The compressed history of one run is overwritten: reading names it, and the campaign does it again, to the same bits."""
+    path, design = tmp_path / "runs.h5", SPACE.sample(12, seed=1)
+    expected = si.Campaign(MODEL, RECORD, design, path).run().values.copy()
+    with h5py.File(path, "r+") as file:
+        chunk = file["values"].id.get_chunk_info(5)
+    data = bytearray(path.read_bytes())
+    middle = chunk.byte_offset + chunk.size // 2
+    data[middle : middle + 8] = bytes(8)
+    path.write_bytes(bytes(data))
+    with pytest.raises(InputError, match=r"1 of 12 runs are damaged \(run 5\); the others are sound.*again"):
+        _ = si.open_runs(path).values
+    with pytest.warns(StructidWarning, match="1 of 12 runs are damaged"):
+        mended = si.Campaign(MODEL, RECORD, design, path).run()
+    np.testing.assert_array_equal(mended.values, expected)
+    assert (mended.finished[np.arange(12) != 5] < mended.finished[5]).all()
+    np.testing.assert_array_equal(si.open_runs(path).values, expected)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +14,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError, Status, StoreError, undamaged
+from structid.campaign.stored_histories import FileSource, damaged_rows
+from structid.errors import InputError, Status, StoreError, StructidWarning, undamaged
 from structid.ground_motion.excitation import (
     CombinedExcitation,
     DisplacementHistory,
@@ -101,36 +103,29 @@ class Row:
     position: int
 
 
-@dataclass(frozen=True)
-class FileSource:
-    """Histories in an HDF5 file of this layout.
+def sound_rows(path: Path) -> dict[str, Row]:
+    """Read the outcome of every run in a file whose history can be read; warn of the others.
 
     Parameters
     ----------
     path : Path
         The file.
+
+    Returns
+    -------
+    dict of str to Row
+        By key, without pending and without damaged runs.
     """
-
-    path: Path
-
-    def read(self, positions: np.ndarray) -> np.ndarray:
-        """Read some rows.
-
-        Parameters
-        ----------
-        positions : ndarray of int
-            Numbers of the rows.
-
-        Returns
-        -------
-        ndarray, shape (row, time, channel)
-            Histories.
-        """
-        with undamaged(self.path, "histories of runs"), h5py.File(self.path, "r") as file:
-            values = file["values"]
-            # h5py needs increasing, distinct rows.
-            distinct, back = np.unique(positions, return_inverse=True)
-            return values[distinct][back] if len(distinct) else np.empty((0, *values.shape[1:]))
+    rows, state = read_rows(path), path.stat()
+    lost = damaged_rows(path, state.st_mtime_ns, state.st_size)
+    if lost:
+        warnings.warn(
+            StructidWarning(
+                f"{path}: the histories of {len(lost)} of {len(rows)} runs are damaged. These are done again; the others are sound."
+            ),
+            stacklevel=2,
+        )
+    return {key: row for key, row in rows.items() if row.position not in lost}
 
 
 def write(

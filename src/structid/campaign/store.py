@@ -84,7 +84,7 @@ class RunStore:
         self._designs = Journal(self.parts / "design", header.identity)
         self.rows: dict[str, Row] = {}
         for file in run_files_of(self.path):
-            self.rows.update(run_file.read_rows(file))
+            self.rows.update(run_file.sound_rows(file))
         for rows in journalled_rows(self._journal):
             self.rows.update(rows)
 

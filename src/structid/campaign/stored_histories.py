@@ -1,0 +1,89 @@
+"""Histories of runs on disk, each a compressed chunk with a checksum, and which of them are damaged."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from structid.errors import InputError, Status, undamaged
+
+
+@dataclass(frozen=True)
+class FileSource:
+    """Histories in an HDF5 file of this layout.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    path: Path
+
+    def read(self, positions: np.ndarray) -> np.ndarray:
+        """Read some rows.
+
+        Parameters
+        ----------
+        positions : ndarray of int
+            Numbers of the rows.
+
+        Returns
+        -------
+        ndarray, shape (row, time, channel)
+            Histories.
+        """
+        with undamaged(self.path, "histories of runs"), h5py.File(self.path, "r") as file:
+            values = file["values"]
+            # h5py needs increasing, distinct rows.
+            distinct, back = np.unique(positions, return_inverse=True)
+            try:
+                return values[distinct][back] if len(distinct) else np.empty((0, *values.shape[1:]))
+            except (OSError, RuntimeError) as cause:
+                lost = _unreadable(values, range(len(values)))
+                if len(lost) == len(values):
+                    raise
+                raise InputError(
+                    f"{self.path}",
+                    f"the histories of {len(lost)} of {len(values)} runs are damaged (run {', '.join(map(str, lost[:5]))}"
+                    f"{', …' if len(lost) > 5 else ''}); the others are sound",
+                    "a file as it was written",
+                    "Run the campaign on it again, or the study with --resume: only the damaged runs are done again.",
+                ) from cause
+
+
+@functools.lru_cache(maxsize=256)
+def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
+    """Find the rows of a file whose history cannot be read; looked for once in every state of the file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    changed, size : int
+        When it was last changed [ns], and its size [byte].
+
+    Returns
+    -------
+    frozenset of int
+        Numbers of the rows; pending runs have no history.
+    """
+    with undamaged(path, "runs"), h5py.File(path, "r") as file:
+        return frozenset(_unreadable(file["values"], np.flatnonzero(file["status"][...] != Status.PENDING)))
+
+
+def _unreadable(values: Any, rows: Iterable[int]) -> list[int]:
+    """Rows that do not have the checksum of their compression."""
+    lost = []
+    for row in rows:
+        try:
+            values[row]
+        except (OSError, RuntimeError):
+            lost.append(int(row))
+    return lost
