@@ -188,3 +188,24 @@ def test_an_interval_outside_the_record_is_refused(start, end):
 def test_filters_that_float64_cannot_hold_are_refused(change):
     with pytest.raises(InputError, match="highpass"):
         change(si.GroundMotion.synthetic(seed=1))
+
+
+@pytest.mark.parametrize(("interpolation", "order"), [("linear", 2), ("smooth", 4)])
+def test_what_interpolation_takes_from_a_sine(interpolation, order):
+    """Straight lines (ω dt)²/12 of its amplitude, and splines only a power of four of ω dt."""
+    lost = []
+    for samples in (10, 20, 40):
+        values = np.sin(2.0 * np.pi * np.arange(40 * samples) / samples)
+        force = si.ForceHistory(values, 1.0, interpolation=interpolation)
+        stages = force.stage_values(32)[5 * samples : -5 * samples].reshape(-1, 3)[:, 0]
+        place = 5 * samples + np.arange(len(stages)) / 32
+        sine = np.sin(2.0 * np.pi * place / samples)
+        lost.append(1.0 - stages @ sine / (sine @ sine))
+    assert np.diff(-np.log2(lost)) == pytest.approx([order, order], abs=0.15)
+    if interpolation == "linear":
+        assert lost[1] == pytest.approx((2.0 * np.pi / 20) ** 2 / 12.0, rel=0.02)
+
+
+def test_a_smooth_force_has_no_lead_in():
+    with pytest.raises(InputError, match="smooth interpolation"):
+        si.ForceHistory(np.ones(10), 0.1, interpolation="smooth", lead_in_periods=2)

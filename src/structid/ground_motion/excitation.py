@@ -65,8 +65,10 @@ class Excitation:
         Time step [s].
     name : str
         Name of the signal.
-    interpolation : {"linear", "periodic"}
-        Between samples: straight lines, or the Fourier series of the samples taken as one period.
+    interpolation : {"linear", "smooth", "periodic"}
+        Between samples: straight lines, a cubic spline, or the Fourier series of the samples taken as one period. Straight lines
+        lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose 0.8 %, and a spline loses
+        0.0014 %. Records of ground motion are straight lines by convention.
     lead_in_periods : int
         With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady state.
     """
@@ -82,11 +84,11 @@ class Excitation:
 
     def __post_init__(self) -> None:
         array, dt = checked_signal(f"{type(self).__name__} '{self.name}'", self.values, self.dt)
-        check_choice(f"{type(self).__name__}.interpolation", self.interpolation, ("linear", "periodic"))
+        check_choice(f"{type(self).__name__}.interpolation", self.interpolation, ("linear", "smooth", "periodic"))
         if self.lead_in_periods and self.interpolation != "periodic":
             raise InputError(
                 "lead_in_periods",
-                f"{self.lead_in_periods} with linear interpolation",
+                f"{self.lead_in_periods} with {self.interpolation} interpolation",
                 "0",
                 "Only a periodic signal can have lead-in periods.",
             )
@@ -146,7 +148,11 @@ class Excitation:
             grid = np.take(fine, np.arange(steps * 2 * substeps + 1), mode="wrap")
         else:
             steps = samples - 1
-            grid = np.interp(np.arange(steps * 2 * substeps + 1) / (2 * substeps), np.arange(samples), self.values)
+            places = np.arange(steps * 2 * substeps + 1) / (2 * substeps)
+            if self.interpolation == "smooth":
+                grid = scipy.interpolate.CubicSpline(np.arange(samples), self.values)(places)
+            else:
+                grid = np.interp(places, np.arange(samples), self.values)
         stages = np.stack([grid[0:-2:2], grid[1:-1:2], grid[2::2]], axis=1)
         return stages.reshape(steps, substeps, 3)
 

@@ -40,7 +40,7 @@ class TracedExcitation:
         Its length.
     lead_in_periods : int
         Periods run and dropped first.
-    interpolation : {"linear", "periodic"}
+    interpolation : {"linear", "smooth", "periodic"}
         What goes on between samples.
     identity : str
         Hash of the whole excitation, for a model that knows only its own records; empty for others.

@@ -215,3 +215,30 @@ def test_weights_that_are_none(wrong):
     runs = si.Campaign(model, record, space.sample(20, seed=1)).run()
     with pytest.raises(InputError, match="20 positive numbers"):
         si.PCNARX(degree=1).fit(runs, weights=wrong)
+
+
+def test_a_free_run_after_a_measured_beginning():
+    """Free vibrations of a linear system: from rest there are none, after a measured beginning they are exact."""
+    rng = np.random.default_rng(3)
+    a, b, samples = (1.9, -0.95), 0.01, 600
+
+    def respond(force, start=()):
+        y = np.zeros(len(force) + 1)  # and one sample of rest before
+        y[1 : 1 + len(start)] = start
+        for t in range(1 + max(len(start), 1), len(y)):
+            y[t] = a[0] * y[t - 1] + a[1] * y[t - 2] + b * force[t - 1]
+        return y[1:]
+
+    force = si.ForceHistory(rng.normal(size=samples), DT)
+    terms = {"displacement": ["x(t)", "y(t-1)", "y(t-2)"]}
+    surrogate = si.NARX(terms=terms).fit(force, respond(force.values))
+    still, nothing = si.ForceHistory(np.zeros(samples), DT), np.zeros((1, 0))
+    expected = respond(still.values, (1.0, 0.97))
+    found = surrogate.simulate_after(nothing, still, expected[:5]).values[0, :, 0]
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    np.testing.assert_array_equal(found[:5], expected[:5])
+    assert np.abs(surrogate.simulate(nothing, still).values).max() < 1e-6
+    with pytest.raises(InputError, match="1 to 599"):
+        surrogate.simulate_after(nothing, still, expected)
+    wild = surrogate.simulate_after(nothing, still, 1e9 * expected[:5])
+    assert not wild.done[0] and wild.failure_time[0] == 0.0

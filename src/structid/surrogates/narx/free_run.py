@@ -31,19 +31,25 @@ class FreeRun:
         Outputs are kept within ± this value.
     horizon : int, optional
         Number of samples after which the run starts again from the measured past; if left out, it never does.
+    known : int
+        Number of measured samples at the beginning, after which the run is free.
     """
 
-    def __init__(self, recursion: Recursion, bound: float, horizon: int | None = None) -> None:
-        self.recursion, self.bound, self.horizon = recursion, bound, horizon
+    def __init__(self, recursion: Recursion, bound: float, horizon: int | None = None, known: int = 0) -> None:
+        self.recursion, self.bound, self.horizon, self.known = recursion, bound, horizon, known
         self._compiled_outputs = InLanes(self._outputs, 2)
         self._compiled_errors = InLanes(self._errors, 1)
         self._compiled_normal = InLanes(self._normal, 2)
         self._compiled_regression = InLanes(self._regression, 1)
 
     def _loop(self, coefficients: Any, signals: Any, unroll: int = UNROLLED) -> TimeLoop:
-        if self.horizon is None:
+        if self.horizon is None and not self.known:
             return self.recursion.free_loop(coefficients, signals, self.bound, unroll)
-        return self.recursion.restarted_loop(coefficients, signals, self.horizon, self.bound, unroll)
+        return self.recursion.restarted_loop(coefficients, signals, self._starts, self.bound, unroll)
+
+    def _starts(self, samples: np.ndarray) -> np.ndarray:
+        """Whether the run starts from the measured past at some samples."""
+        return samples < self.known if self.horizon is None else samples % self.horizon == 0
 
     def _outputs(self, rows: Any, signals: Any) -> Any:
         """Scaled outputs (time, output, run)."""

@@ -245,25 +245,77 @@ class ParametricNARX(Surrogate):
         self.check_excitation(excitation)
         if not (isinstance(horizon, (int, np.integer)) and horizon >= 1):
             raise InputError("predict_ahead: horizon", f"{horizon!r}", "a number of samples, 1 or more")
-        values = np.asarray(measured, dtype=np.float64)
+        values = self._measured(measured, len(theta), len(excitation), "predict_ahead: measured")
+        found = self._from_measured(theta, excitation, values, horizon=int(horizon))
+        return self._histories(found[:, excitation.dropped_samples :], excitation)
+
+    def simulate_after(self, design: Design | np.ndarray, excitation: Excitation, beginning: np.ndarray) -> Histories:
+        """Simulate freely after a measured beginning, for a system that is not at rest when the record begins.
+
+        `simulate` begins with the outputs at the mean of the first samples it was fitted to, and with nothing before. Here all that
+        the recursion remembers is brought up to date by what was measured; the longest lag is enough, and integrals and hysteretic
+        memories need as long as the system takes to forget.
+
+        Parameters
+        ----------
+        design : Design or array-like, shape (run, parameter)
+            Parameters in SI.
+        excitation : Excitation
+            What drives it, from the first measured sample on.
+        beginning : array-like, shape (time,), (time, channel) or (run, time, channel)
+            What was measured at the first samples, in SI.
+
+        Returns
+        -------
+        Histories
+            In SI: the beginning as it was measured, and the free run after it.
+        """
+        theta = self.parameters(design)
+        self.check_excitation(excitation)
+        if excitation.dropped_samples:
+            came = f"a signal with {excitation.lead_in_periods} lead-in periods"
+            raise InputError("simulate_after: excitation", came, "none: what was measured begins with the record")
+        known = np.shape(beginning)[-2] if np.ndim(beginning) > 1 else np.size(beginning)
+        if not 1 <= known < len(excitation):
+            allowed = f"1 to {len(excitation) - 1} for this excitation"
+            raise InputError("simulate_after: beginning", f"{known} samples", allowed)
+        start = self._measured(beginning, len(theta), known, "simulate_after: beginning")
+        later = np.zeros((len(theta), len(excitation) - known, len(self.channels)))
+        found = self._from_measured(theta, excitation, np.concatenate([start, later], axis=1), known=known)
+        return self._histories(np.concatenate([start, found[:, known:]], axis=1), excitation)
+
+    def _measured(self, given: np.ndarray, runs: int, samples: int, where: str) -> np.ndarray:
+        """Measured values (run, time, channel)."""
+        values = np.asarray(given, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
-        shape = (len(theta), len(excitation), len(self.channels))
+        shape = (runs, samples, len(self.channels))
         if values.shape not in (shape, shape[1:]) or not np.isfinite(values).all():
-            came = f"an array of shape {np.shape(measured)}"
+            came = f"an array of shape {np.shape(given)}"
             came += "" if np.isfinite(values).all() else " with values that are not finite"
-            raise InputError(
-                "predict_ahead: measured", came, f"finite values of shape {shape}, or without the first axis"
-            )
+            raise InputError(where, came, f"finite values of shape {shape}, or without the first axis")
+        return np.broadcast_to(values, shape)
+
+    def _from_measured(
+        self, theta: np.ndarray, excitation: Excitation, values: np.ndarray, horizon: int | None = None, known: int = 0
+    ) -> np.ndarray:
+        """Outputs in SI of runs that start from measured values (run, time, channel)."""
         # The parameters are not looked at here, and may be none.
         runs = Runs(
             Design(np.zeros((len(theta), 0)), ParameterSpace()), (excitation,), self.channels,
-            InMemory(np.broadcast_to(values, shape)), np.full(len(theta), Status.DONE), np.zeros(len(theta), dtype=int),
+            InMemory(values), np.full(len(theta), Status.DONE), np.zeros(len(theta), dtype=int),
         )  # fmt: skip
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
-        run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, int(horizon))
-        found = run.outputs(self._coefficients_at(theta), data)[:, excitation.dropped_samples :] * self._factors
-        status = np.full(len(theta), Status.DONE)
-        return Histories(found, excitation.dt, self.channels, status, np.full(len(theta), np.nan), excitation.name)
+        run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, horizon, known)
+        return np.asarray(run.outputs(self._coefficients_at(theta), data) * self._factors)
+
+    def _histories(self, found: np.ndarray, excitation: Excitation) -> Histories:
+        """Histories, NaN from where one has left all that was seen in training."""
+        beyond = (np.abs(found) >= (1.0 - 1e-9) * PREDICTION_BOUND * self.largest * self._factors).any(axis=2)
+        lost = np.logical_or.accumulate(beyond, axis=1)
+        status = np.where(lost.any(axis=1), Status.DIVERGED, Status.DONE)
+        time = np.where(lost.any(axis=1), lost.argmax(axis=1) * excitation.dt, np.nan)
+        values = np.where(lost[:, :, None], np.nan, found)
+        return Histories(values, excitation.dt, self.channels, status, time, excitation.name)
 
     @property
     def _factors(self) -> np.ndarray:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -256,9 +256,9 @@ class Recursion:
         return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite, unroll)
 
     def restarted_loop(
-        self, coefficients: Any, signals: Any, horizon: int, bound: float, unroll: int = UNROLLED
+        self, coefficients: Any, signals: Any, again: Callable[[np.ndarray], Any], bound: float, unroll: int = UNROLLED
     ) -> TimeLoop:
-        """Give the loop that starts again from the measured past every `horizon` samples.
+        """Give the loop that starts again from the measured past at some samples.
 
         Parameters
         ----------
@@ -266,8 +266,8 @@ class Recursion:
             ϑ of every run.
         signals : jax.Array, shape (time + 1, input and output or more, run)
             Scaled inputs and measured outputs, as in `free_loop`.
-        horizon : int
-            Samples between two starts; 1 is one step ahead.
+        again : callable
+            Says of numbers of samples whether the next one is simulated from the measured past.
         bound : float
             Outputs are kept within ± this value.
         unroll : int
@@ -280,16 +280,16 @@ class Recursion:
         """
 
         def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
-            (state, measured), (row, time, again) = carried, at
+            (state, measured), (row, time, starts) = carried, at
             seen = self.last(state)
-            state = jax.tree.map(lambda free, known: jnp.where(again > 0, known, free), state, measured)
+            state = jax.tree.map(lambda free, known: jnp.where(starts > 0, known, free), state, measured)
             after = self.step(coefficients, state, row, time, bound)
             return (after, self.advance(coefficients, measured, row, self.measured_outputs(row))), seen
 
         start = self._from_measured(coefficients[0], signals[0])
         times = self._times(signals)
-        again = (np.arange(len(times)) % horizon == 0).astype(float)
-        return TimeLoop((start, start), step, (signals[1:], times, again), 0, all_finite, unroll)
+        starts = np.asarray(again(np.arange(len(times)))).astype(float)
+        return TimeLoop((start, start), step, (signals[1:], times, starts), 0, all_finite, unroll)
 
     def one_step_loop(self, coefficients: Any, signals: Any) -> TimeLoop:
         """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them.
