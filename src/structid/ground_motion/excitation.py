@@ -67,7 +67,7 @@ class Excitation:
         Name of the signal.
     interpolation : {"linear", "smooth", "periodic"}
         Between samples: straight lines, a cubic spline, or the Fourier series of the samples taken as one period. Straight lines
-        lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose 0.8 %, and a spline loses
+        lose (ω dt)²/12 of a component of frequency ω: of a smooth force with 20 samples a period they lose 0.8 %, a spline
         0.0014 %. Records of ground motion are straight lines by convention.
     lead_in_periods : int
         With ``periodic``: number of whole periods that are run first and dropped, so that the response is the steady state.
