@@ -40,6 +40,10 @@ def _label(name: str, unit: str) -> str:
     return label(pretty(name), pretty_unit(unit))
 
 
+def _label_in_two_lines(name: str, unit: str) -> str:
+    return _label(name, unit).replace(" [", "\n[")
+
+
 def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[str]]:
     """A power of ten for every parameter, and its unit with that power."""
     chosen = [in_powers_of_ten(unit, draws[:, i]) for i, unit in enumerate(units)]
@@ -207,9 +211,9 @@ def pairs(
             axis.tick_params(labelsize=6.5, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
             if i == count - 1:
                 axis.tick_params(axis="x", rotation=30)
-                axis.set_xlabel(_label(names[j], units[j]), fontsize=7.5)
+                axis.set_xlabel(_label_in_two_lines(names[j], units[j]), fontsize=7.5)
             if j == 0:
-                axis.set_ylabel(_label(names[i], units[i]), fontsize=7.5)
+                axis.set_ylabel(_label_in_two_lines(names[i], units[i]), fontsize=7.5)
     return finish(figure, title, save)
 
 

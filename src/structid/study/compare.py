@@ -104,7 +104,7 @@ def _model_class(path: Path, name: str, outcome: StudyOutcome) -> tuple[ModelCla
     result = outcome.result
     assert result is not None and isinstance(result.target, Posterior)
     posterior = result.target
-    prediction = predict(posterior, result.thinned(PREDICTED), seed=result.seed)
+    prediction = predict(posterior, result.thinned(PREDICTED), seed=result.seed, scaled=False)
     low, high = prediction.band(0.9, discrepancy=True)
     values = posterior.observations[0].values
     return ModelClass(

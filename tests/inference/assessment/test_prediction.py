@@ -16,9 +16,9 @@ def test_prediction_knows_each_observation_and_each_channel(short_record, study_
     observations = [si.Observation(r, v, channels) for r, v in zip((short_record, other), values, strict=True)]
     posterior = si.Posterior(study_space, model, observations)
     theta = np.tile([7e6, 60.0, 0.3, 0.05, 1e-8, 1e-2, 1e-8, 1e-4], (50, 1))
-    one = predict(posterior, theta, short_record, ("velocity",))
+    one = predict(posterior, theta, short_record, ("velocity",), scaled=False)
     assert (one.observable - one.response).std() == pytest.approx(0.1, rel=0.02)
-    second = predict(posterior, theta, other)
+    second = predict(posterior, theta, other, scaled=False)
     assert second.channels == channels
     assert (second.observable - second.response)[:, :, 1].std() == pytest.approx(0.01, rel=0.02)
     extra = predict(posterior, theta, other, ("velocity", "restoring_force"))

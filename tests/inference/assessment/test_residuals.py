@@ -153,3 +153,16 @@ def test_a_summary_has_robust_standard_deviations_in_its_units_once_it_has_conve
 
 def _bare():
     return si.LogDensity(lambda t: -0.5 * (t**2).sum(axis=1), ("x",), si.ParameterSpace(x=si.Normal(0.0, 3.0)))
+
+
+def test_a_peak_of_the_spectrum_is_told_of_where_no_correlation_is_large():
+    """White noise has none; a little narrow-band noise beside it has one, at its frequency."""
+    from structid.inference.assessment.residuals import UNEVEN, WhitenedResidual
+
+    rng, time = np.random.default_rng(1), 0.01 * np.arange(4001)
+    for seed in range(20):
+        white = WhitenedResidual("velocity", "r", 0.01, np.random.default_rng(seed).normal(size=4001))
+        assert white.peak[1] < UNEVEN and not white.correlated
+    phase = 2.0 * np.pi * 3.6 * time + np.cumsum(0.1 * rng.normal(size=time.size))
+    tone = WhitenedResidual("velocity", "r", 0.01, rng.normal(size=4001) + 0.35 * np.cos(phase))
+    assert tone.peak[1] > UNEVEN and tone.peak[0] == pytest.approx(3.6, abs=0.3) and not tone.correlated

@@ -86,6 +86,7 @@ def predict(
     seed: int = 0,
     progress: Progress | None = None,
     drift: ParameterDrift | None = None,
+    scaled: bool = True,
 ) -> Prediction:
     """Predict the response of draws of the parameters.
 
@@ -99,8 +100,8 @@ def predict(
         The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
         those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
         The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
-        drift in another way, as far as they did on the measured one. Both together are scaled so that the measured record, had it
-        been predicted like this, would be inside its 90 % band as often as the band says (`BandScale`).
+        drift in another way, as far as they did on the measured one. All of it is scaled so that the measured record, predicted
+        like this, is inside its 90 % band as often as the band says, in its strong and in its quiet part (`BandScale`).
     channels : tuple of str, optional
         What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
     seed : int
@@ -110,6 +111,8 @@ def predict(
     drift : ParameterDrift, optional
         How far the parameters of another record may be from those of the measured ones; see `parameter_drift`. Where the law
         itself lets them drift, its draws say so.
+    scaled : bool
+        Whether the errors are scaled by what their band holds of the measured record; without, they are those of the law.
 
     Returns
     -------
@@ -117,12 +120,22 @@ def predict(
         Draws whose simulation succeeded.
     """
     record = posterior.observations[0].record if record is None else record
-    measured = any(o.record is record for o in posterior.observations)
     prediction = _predicted(posterior, theta, record, channels, seed, progress, drift)
-    # The measured record once more costs an expensive model as many runs again.
-    if measured or posterior.costs_runs:
+    measured = next((o for o in posterior.observations if o.record is record), None)
+    if not scaled or not len(prediction.response):
         return prediction
-    return _scaled(prediction, _band_scale(posterior, theta, seed, drift), posterior, record.dt)
+    if measured is not None:
+        channels_there = tuple(c for c in measured.channels if c in prediction.channels)
+        there = [measured.channels.index(c) for c in channels_there]
+        here = [prediction.channels.index(c) for c in channels_there]
+        scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, here], record.dt)
+        return _scaled(prediction, scale, channels_there, record.dt)
+    # The measured record once more costs an expensive model as many runs again.
+    if posterior.costs_runs:
+        return prediction
+    return _scaled(
+        prediction, _band_scale(posterior, theta, seed, drift), posterior.observations[0].channels, record.dt
+    )
 
 
 def _band_scale(posterior: Posterior, theta: np.ndarray, seed: int, drift: ParameterDrift | None) -> BandScale:
@@ -133,9 +146,8 @@ def _band_scale(posterior: Posterior, theta: np.ndarray, seed: int, drift: Param
     return BandScale.of(observation.values, prediction.observable, another.dt)
 
 
-def _scaled(prediction: Prediction, scale: BandScale, posterior: Posterior, dt: float) -> Prediction:
+def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt: float) -> Prediction:
     """A prediction with errors as large as they were on the measured record, in the channels that were measured there."""
-    known = posterior.observations[0].channels
     here = [place for place, channel in enumerate(prediction.channels) if channel in known]
     there = [known.index(prediction.channels[place]) for place in here]
     own = BandScale(scale.strong[there], scale.quiet[there])

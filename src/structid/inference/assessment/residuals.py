@@ -17,6 +17,8 @@ WHITE_BOUND = 5.0
 """The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
 SHARE_OF_LAGS = 0.1
 """Lags that are looked at, as a share of the history."""
+UNEVEN = 3.0
+"""Power over that of white noise from which on a peak of the spectrum is told of; those of white noise reach 2.4."""
 MUCH_WIDER = 1.5
 """A warning is given where robust standard deviations are this many times the posterior's own."""
 
@@ -67,6 +69,13 @@ class WhitenedResidual:
         correlation = self.autocorrelation
         lag = 1 + int(np.argmax(np.abs(correlation[1:])))
         return float(correlation[lag]), lag * self.dt
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Frequency [Hz] at which the spectrum is largest, and how many times the power of white noise it has there."""
+        frequency, power = self.spectrum
+        place = int(np.argmax(power))
+        return float(frequency[place]), float(power[place])
 
     @property
     def correlated(self) -> bool:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from structid.figures import response as figures
-from structid.inference.assessment.residuals import WhitenedResidual
+from structid.inference.assessment.residuals import UNEVEN, WhitenedResidual
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Section, nothing
 
@@ -22,11 +22,6 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
 
 def _residual(residual: WhitenedResidual, suffix: str, folder: Path) -> Picture:
     name = f"residuals_{residual.channel}{suffix}"
-    verdict = (
-        "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
-        if residual.correlated
-        else "Nothing speaks against the law of the discrepancy"
-    )
     figures.residuals(
         np.arange(len(residual.autocorrelation)) * residual.dt,
         residual.autocorrelation,
@@ -39,8 +34,21 @@ def _residual(residual: WhitenedResidual, suffix: str, folder: Path) -> Picture:
         name,
         f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and law are "
         "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
-        f"{verdict}.",
+        f"{_judged(residual)}.",
     )
+
+
+def _judged(residual: WhitenedResidual) -> str:
+    """What the residual says of the law, in a sentence."""
+    if residual.correlated:
+        return "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
+    frequency, power = residual.peak
+    if power > UNEVEN:
+        return (
+            f"None of their correlations is large, but around {frequency:.2g} Hz they have {power:.2g} times the power of white "
+            "noise: the law of the discrepancy describes the errors only roughly"
+        )
+    return "Nothing speaks against the law of the discrepancy"
 
 
 SECTION = Section("residuals", "Residuals", _drawings, nothing)
