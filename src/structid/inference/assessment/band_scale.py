@@ -16,28 +16,27 @@ from structid.inference.assessment.error_growth import running_power
 
 PROBABILITY = 0.9
 """Of the bands that are compared."""
-STRONG = 0.1
-"""Share of the largest running power from which on the motion is strong."""
-LIMITS = (0.25, 4.0)
+LEVELS = np.array([-5.5, -4.5, -3.5, -2.5, -1.5, -0.5])
+"""Decades of the motion's running power over its largest, in each of which one factor is found: from quiet to strong."""
+LIMITS = (0.02, 4.0)
 """Of the factors: one record is not proof of more."""
+FEWEST = 50
+"""Samples of a decade that has a factor of its own."""
 ROUNDS = 6
-"""In which the factors of both parts, which meet in between, are found."""
+"""In which the factors, between which there is a gradual change, are found."""
 
 
 @dataclass(frozen=True, eq=False)
 class BandScale:
-    """λ(t), by which draws are moved away from their median: λ_quiet^(1 − w) λ_strong^w with w = p/(p + 0.1 max p).
-
-    p is the running power of the motion.
+    """λ(t), by which draws are moved away from their median, as a function of the running power of the motion.
 
     Parameters
     ----------
-    strong, quiet : ndarray, shape (channel,)
-        λ in the strong and in the quiet part.
+    factors : ndarray, shape (level, channel)
+        λ at `LEVELS`; log λ is linear between them, and constant beyond.
     """
 
-    strong: np.ndarray
-    quiet: np.ndarray
+    factors: np.ndarray
 
     @classmethod
     def of(cls, measured: np.ndarray, draws: np.ndarray, dt: float) -> BandScale:
@@ -55,19 +54,17 @@ class BandScale:
         Returns
         -------
         BandScale
-            Ones for a channel that does not move.
+            Ones for a channel whose draws are all the same somewhere.
         """
-        strong, quiet = np.ones(measured.shape[1]), np.ones(measured.shape[1])
-        for channel in range(measured.shape[1]):
-            away, weight, is_strong = _in_half_widths(measured[:, channel], draws[:, :, channel], dt)
-            if away is None:
-                continue
-            for _ in range(ROUNDS):
-                left = away / _blended(strong[channel], quiet[channel], weight)
-                for part, factors in ((is_strong, strong), (~is_strong, quiet)):
-                    if part.any():
-                        factors[channel] = np.clip(factors[channel] * _enough(left[part]), *LIMITS)
-        return cls(strong, quiet)
+        tail = 0.5 * (1.0 - PROBABILITY)
+        low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
+        half_width = np.where(measured > median, high - median, median - low)
+        power = _relative_power(median, dt)
+        factors = np.ones((len(LEVELS), measured.shape[1]))
+        for channel in np.flatnonzero((half_width > 0.0).all(axis=0)):
+            away = np.abs(measured - median)[:, channel] / half_width[:, channel]
+            factors[:, channel] = _factors(away, power[:, channel])
+        return cls(factors)
 
     def applied(self, draws: np.ndarray, dt: float) -> np.ndarray:
         """Move draws away from their median, or towards it.
@@ -87,30 +84,38 @@ class BandScale:
         if not len(draws):
             return draws
         median = np.median(draws, axis=0)
-        return np.asarray(median + _blended(self.strong, self.quiet, _weight(median, dt)) * (draws - median))
+        power = _relative_power(median, dt)
+        scale = np.stack([_between(power[:, i], own) for i, own in enumerate(self.factors.T)], axis=1)
+        return np.asarray(median + scale * (draws - median))
 
 
-def _blended(strong: np.ndarray, quiet: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    return np.asarray(quiet ** (1.0 - weight) * strong**weight)
-
-
-def _weight(median: np.ndarray, dt: float) -> np.ndarray:
-    """Weights w = p/(p + 0.1 max p), shape (time, channel)."""
+def _relative_power(median: np.ndarray, dt: float) -> np.ndarray:
+    """Log₁₀ of the running power over its largest, shape (time, channel)."""
     power = running_power(median, dt)
-    return np.asarray(power / np.maximum(power + STRONG * power.max(axis=0), np.finfo(np.float64).tiny))
+    largest = np.maximum(power.max(axis=0), np.finfo(np.float64).tiny)
+    return np.asarray(np.log10(np.maximum(power / largest, 1e-12)))
 
 
-def _in_half_widths(
-    measured: np.ndarray, draws: np.ndarray, dt: float
-) -> tuple[np.ndarray | None, np.ndarray, np.ndarray]:
-    """Distance of the measured values from the median in half-widths of the band, w, and where the motion is strong."""
-    tail = 0.5 * (1.0 - PROBABILITY)
-    low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
-    weight = _weight(median[:, None], dt)[:, 0]
-    half_width = np.where(measured > median, high - median, median - low)
-    if not (half_width > 0.0).all():
-        return None, weight, weight > 0.5
-    return np.abs(measured - median) / half_width, weight, weight > 0.5
+def _between(power: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(np.interp(power, LEVELS, np.log(factors))))
+
+
+def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Factors of one channel, from distances in half-widths of the band."""
+    decade = np.clip(np.round(power - LEVELS[0]).astype(int), 0, len(LEVELS) - 1)
+    own = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
+    if not own:
+        return np.ones(len(LEVELS))
+    # A decade of few samples goes with the nearest that has many.
+    nearest = np.array([min(own, key=lambda other: abs(other - level)) for level in range(len(LEVELS))])
+    factors = np.ones(len(LEVELS))
+    for _ in range(ROUNDS):
+        left = away / _between(power, factors)
+        found = np.array(
+            [_enough(left[nearest[decade] == level]) if level in own else 1.0 for level in range(len(LEVELS))]
+        )
+        factors = np.clip(factors * found[nearest], *LIMITS)
+    return factors
 
 
 def _enough(away: np.ndarray) -> float:

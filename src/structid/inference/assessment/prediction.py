@@ -125,11 +125,11 @@ def predict(
     if not scaled or not len(prediction.response):
         return prediction
     if measured is not None:
-        channels_there = tuple(c for c in measured.channels if c in prediction.channels)
-        there = [measured.channels.index(c) for c in channels_there]
-        here = [prediction.channels.index(c) for c in channels_there]
+        known = tuple(c for c in measured.channels if c in prediction.channels)
+        here, there = ([own.index(c) for c in known] for own in (prediction.channels, measured.channels))
         scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, here], record.dt)
-        return _scaled(prediction, scale, channels_there, record.dt)
+        whole = _scaled(prediction, scale, known, record.dt)
+        return replace(whole, response=prediction.response)  # its parameters have not been moved
     # The measured record once more costs an expensive model as many runs again.
     if posterior.costs_runs:
         return prediction
@@ -149,16 +149,22 @@ def _band_scale(posterior: Posterior, theta: np.ndarray, seed: int, drift: Param
 def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt: float) -> Prediction:
     """A prediction with errors as large as they were on the measured record, in the channels that were measured there."""
     here = [place for place, channel in enumerate(prediction.channels) if channel in known]
-    there = [known.index(prediction.channels[place]) for place in here]
-    own = BandScale(scale.strong[there], scale.quiet[there])
+    own = BandScale(scale.factors[:, [known.index(prediction.channels[place]) for place in here]])
 
-    def applied(draws: np.ndarray) -> np.ndarray:
+    def applied(draws: np.ndarray, scale: BandScale = own) -> np.ndarray:
         found = draws.copy()
-        found[:, :, here] = own.applied(draws[:, :, here], dt)
+        found[:, :, here] = scale.applied(draws[:, :, here], dt)
         return found
 
+    # What the parameters leave open is a part of the whole: narrowed with it, but not widened.
+    narrowed = BandScale(np.minimum(own.factors, 1.0))
     structural = prediction.response if prediction.structural is None else prediction.structural
-    return replace(prediction, observable=applied(prediction.observable), structural=applied(structural))
+    return replace(
+        prediction,
+        response=applied(prediction.response, narrowed),
+        observable=applied(prediction.observable),
+        structural=applied(structural),
+    )
 
 
 def _predicted(
