@@ -42,6 +42,9 @@ class Prediction:
         Units of the channels.
     structural : ndarray, shape (draw, time, channel), optional
         With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
+    peak_ratio : ndarray, shape (channel,), optional
+        For another record, the measured record's peak over the one predicted of it in the same way. A model that is wrong about
+        peaks is often wrong in one direction. Ones where nothing is given.
     """
 
     time: np.ndarray
@@ -52,6 +55,7 @@ class Prediction:
     excitation: str
     units: Mapping[str, ChannelUnit] = field(default_factory=dict)
     structural: np.ndarray | None = field(default=None, repr=False)
+    peak_ratio: np.ndarray | None = None
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -74,8 +78,9 @@ class Prediction:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Largest absolute value of what the structure does in every draw, in SI, shape (draw, channel)."""
-        return np.asarray(np.abs(self.response if self.structural is None else self.structural).max(axis=1))
+        """Largest absolute value of what the structure does in every draw, times `peak_ratio`, in SI, shape (draw, channel)."""
+        largest = np.abs(self.response if self.structural is None else self.structural).max(axis=1)
+        return np.asarray(largest if self.peak_ratio is None else self.peak_ratio * largest)
 
 
 def predict(
@@ -133,22 +138,31 @@ def predict(
     # The measured record once more costs an expensive model as many runs again.
     if posterior.costs_runs:
         return prediction
-    return _scaled(
-        prediction, _band_scale(posterior, theta, seed, drift), posterior.observations[0].channels, record.dt
-    )
+    observation = posterior.observations[0]
+    scale, ratio = _of_the_measured_record(posterior, theta, seed, drift)
+    ratios = dict(zip(observation.channels, ratio, strict=True))
+    own = np.array([ratios.get(channel, 1.0) for channel in prediction.channels])
+    return replace(_scaled(prediction, scale, observation.channels, record.dt), peak_ratio=own)
 
 
-def _band_scale(posterior: Posterior, theta: np.ndarray, seed: int, drift: ParameterDrift | None) -> BandScale:
-    """What a prediction of the first measured record, made as for another one, would have held of it."""
+def _of_the_measured_record(
+    posterior: Posterior, theta: np.ndarray, seed: int, drift: ParameterDrift | None
+) -> tuple[BandScale, np.ndarray]:
+    """What a prediction of the first measured record, made as for another one, would have held of it, and the ratio of peaks."""
     observation = posterior.observations[0]
     another = copy.copy(observation.record)  # records are told apart by identity
     prediction = _predicted(posterior, theta, another, None, seed, None, drift, instrument=True)
-    return BandScale.of(observation.values, prediction.observable, another.dt)
+    scale = BandScale.of(observation.values, prediction.observable, another.dt)
+    predicted = np.median(_scaled(prediction, scale, observation.channels, another.dt).peaks, axis=0)
+    largest = np.abs(observation.values).max(axis=0)
+    return scale, np.where(predicted > 0.0, largest / np.where(predicted > 0.0, predicted, 1.0), 1.0)
 
 
 def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt: float) -> Prediction:
     """A prediction with errors as large as they were on the measured record, in the channels that were measured there."""
     here = [place for place, channel in enumerate(prediction.channels) if channel in known]
+    if not here:
+        return prediction
     own = BandScale(scale.factors[:, [known.index(prediction.channels[place]) for place in here]])
 
     def applied(draws: np.ndarray, scale: BandScale = own) -> np.ndarray:
@@ -156,14 +170,15 @@ def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt
         found[:, :, here] = scale.applied(draws[:, :, here], dt)
         return found
 
-    # What the parameters leave open is a part of the whole: narrowed with it, but not widened.
-    narrowed = BandScale(np.minimum(own.factors, 1.0))
+    # What the parameters leave open is a part of the whole: narrowed with it, but not widened. A peak is an extreme of the whole
+    # record, of which a band that holds nine tenths of the samples says little: what peaks are taken from is not narrowed.
+    narrowed, widened = BandScale(np.minimum(own.factors, 1.0)), BandScale(np.maximum(own.factors, 1.0))
     structural = prediction.response if prediction.structural is None else prediction.structural
     return replace(
         prediction,
         response=applied(prediction.response, narrowed),
         observable=applied(prediction.observable),
-        structural=applied(structural),
+        structural=applied(structural, widened),
     )
 
 

@@ -43,7 +43,8 @@ class _OtherRecord:
         material = self._material
         result = material.result
         draws = predict(self._posterior, material.draws, self._record, seed=result.seed, drift=result.drift)
-        return PredictedBand(draws, predict(self._posterior, material.best[None], self._record).response[0])
+        best = predict(self._posterior, material.best[None], self._record, scaled=False)
+        return PredictedBand(draws, best.response[0])
 
 
 def _others(material: PosteriorMaterial) -> list[_OtherRecord]:
@@ -67,9 +68,18 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 def _words(material: PosteriorMaterial) -> list[str]:
     if not material.other_records:
         return []
-    return [
+    words = [
         "The peak is that of the structure: of the response with the model's own error, without the instrument's noise. The inner "
         "band is of the response alone, the outer one of what an instrument would show."
+    ]
+    draws = _others(material)[0].band.draws
+    if draws.peak_ratio is None:
+        return words
+    ratios = [f"{ratio:.2f} for the {name}" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
+    return [
+        *words,
+        "Peaks are multiplied by what the measured peak was over the one that is predicted of the measured record in the same way: "
+        f"{', '.join(ratios)}.",
     ]
 
 
