@@ -6,6 +6,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -15,6 +16,7 @@ import structid
 pytestmark = pytest.mark.quick
 
 ROOT = Path(structid.__file__).parent
+REPOSITORY = Path(__file__).parents[2]
 MODULES = [m.name for m in pkgutil.walk_packages([str(ROOT)], "structid.")]
 
 
@@ -144,3 +146,12 @@ def test_what_should_start_at_once_loads_no_heavy_library(module, heavy):
 def test_nothing_prints():
     for file in ROOT.rglob("*.py"):
         assert not re.search(r"^\s*print\(", file.read_text(), re.M), file
+
+
+def test_the_lock_holds_what_the_project_names():
+    """What is missing there is missing on every new machine."""
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())
+    groups = project["dependency-groups"]
+    named = [*project["project"]["dependencies"], *groups["test"], *groups["lint"], *groups["build"]]
+    locked = set(re.findall(r"^([\w.-]+)==", (REPOSITORY / "requirements.lock").read_text(), flags=re.MULTILINE))
+    assert {re.match(r"[\w-]+", name)[0].lower() for name in named} <= locked

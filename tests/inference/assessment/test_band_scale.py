@@ -92,5 +92,7 @@ def test_a_model_whose_peaks_are_too_low_is_corrected():
     result = si.sample(posterior, si.SMC(particles=200, steps=20, effective_share=0.5, correlation=0.4), seed=1)
     prediction = result.predict(other)
     assert prediction.peak_ratio[0] == pytest.approx(1.3, abs=0.08)
-    assert np.median(prediction.peaks) == pytest.approx(np.abs(clean[1]).max(), rel=0.08)
+    low, high = np.quantile(prediction.peaks, [0.05, 0.95])
+    linear = np.abs(clean[1]).max() / 1.3
+    assert low < linear < np.abs(clean[1]).max() < high
     assert result.predict().peak_ratio is None

@@ -18,6 +18,9 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Progress
 from structid.streams import Purpose, stream
 
+PEAK_SHARE = (0.5, 0.5)
+"""Mean and sd of the power of the measured peak's ratio that corrects the peaks of another record."""
+
 
 @dataclass(frozen=True)
 class Prediction:
@@ -43,8 +46,10 @@ class Prediction:
     structural : ndarray, shape (draw, time, channel), optional
         With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
     peak_ratio : ndarray, shape (channel,), optional
-        For another record, the measured record's peak over the one predicted of it in the same way. A model that is wrong about
-        peaks is often wrong in one direction. Ones where nothing is given.
+        For another record, the measured record's peak over the one predicted of it in the same way, as far as the instrument's
+        noise does not explain it. Ones where nothing is given.
+    peak_share : ndarray, shape (draw,), optional
+        The power of `peak_ratio` that corrects the peaks of each draw.
     """
 
     time: np.ndarray
@@ -56,6 +61,7 @@ class Prediction:
     units: Mapping[str, ChannelUnit] = field(default_factory=dict)
     structural: np.ndarray | None = field(default=None, repr=False)
     peak_ratio: np.ndarray | None = None
+    peak_share: np.ndarray | None = None
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -78,9 +84,16 @@ class Prediction:
 
     @property
     def peaks(self) -> np.ndarray:
-        """Largest absolute value of what the structure does in every draw, times `peak_ratio`, in SI, shape (draw, channel)."""
-        largest = np.abs(self.response if self.structural is None else self.structural).max(axis=1)
-        return np.asarray(largest if self.peak_ratio is None else self.peak_ratio * largest)
+        """Largest absolute value of what the structure does in every draw, in SI, shape (draw, channel).
+
+        Of another record, each draw u is corrected by r^s_u, where r is `peak_ratio` and s_u the draw's `peak_share`: the half of
+        r, give or take a half. A model that is wrong about one peak is often wrong about the next in the same direction, and
+        one record does not tell how often.
+        """
+        largest = _largest(self.response if self.structural is None else self.structural)
+        if self.peak_ratio is None or self.peak_share is None:
+            return largest
+        return np.asarray(largest * self.peak_ratio ** self.peak_share[:, None])
 
 
 def predict(
@@ -142,7 +155,8 @@ def predict(
     scale, ratio = _of_the_measured_record(posterior, theta, seed, drift)
     ratios = dict(zip(observation.channels, ratio, strict=True))
     own = np.array([ratios.get(channel, 1.0) for channel in prediction.channels])
-    return replace(_scaled(prediction, scale, observation.channels, record.dt), peak_ratio=own)
+    share = stream(seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
+    return replace(_scaled(prediction, scale, observation.channels, record.dt), peak_ratio=own, peak_share=share)
 
 
 def _of_the_measured_record(
@@ -153,9 +167,29 @@ def _of_the_measured_record(
     another = copy.copy(observation.record)  # records are told apart by identity
     prediction = _predicted(posterior, theta, another, None, seed, None, drift, instrument=True)
     scale = BandScale.of(observation.values, prediction.observable, another.dt)
-    predicted = np.median(_scaled(prediction, scale, observation.channels, another.dt).peaks, axis=0)
-    largest = np.abs(observation.values).max(axis=0)
-    return scale, np.where(predicted > 0.0, largest / np.where(predicted > 0.0, predicted, 1.0), 1.0)
+    scaled = _scaled(prediction, scale, observation.channels, another.dt)
+    return scale, _peak_ratio(observation.values, scaled)
+
+
+def _peak_ratio(measured: np.ndarray, prediction: Prediction) -> np.ndarray:
+    """Measured peak over the predicted one, shape (channel,).
+
+    Noise makes the measured peak larger than the structure's. By how much is between nothing, the model's errors being all that
+    there is, and what a law that is all noise says. The ratio of the two that is nearer to one is taken, and one between them.
+    """
+    structural = prediction.response if prediction.structural is None else prediction.structural
+    largest, *ends = (
+        _largest(measured[None])[0],
+        *(np.median(_largest(x), axis=0) for x in (structural, prediction.observable)),
+    )
+    nearest = np.clip(largest, np.minimum(*ends), np.maximum(*ends))
+    moves = (largest > 0.0) & (nearest > 0.0)
+    return np.where(moves, largest / np.where(moves, nearest, 1.0), 1.0)
+
+
+def _largest(histories: np.ndarray) -> np.ndarray:
+    """Largest absolute value over time, shape (draw, channel)."""
+    return np.asarray(np.abs(histories).max(axis=1))
 
 
 def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt: float) -> Prediction:

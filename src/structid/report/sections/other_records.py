@@ -73,13 +73,14 @@ def _words(material: PosteriorMaterial) -> list[str]:
         "band is of the response alone, the outer one of what an instrument would show."
     ]
     draws = _others(material)[0].band.draws
-    if draws.peak_ratio is None:
+    if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
         return words
     ratios = [f"{ratio:.2f} for the {name}" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
     return [
         *words,
-        "Peaks are multiplied by what the measured peak was over the one that is predicted of the measured record in the same way: "
-        f"{', '.join(ratios)}.",
+        "The measured peak, over the one that is predicted of the measured record in the same way, is "
+        f"{', '.join(ratios)}. One record does not tell whether other peaks are off by as much. The bands of the peaks allow "
+        "for none of it and for all of it.",
     ]
 
 
