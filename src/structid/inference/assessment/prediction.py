@@ -46,8 +46,8 @@ class Prediction:
     structural : ndarray, shape (draw, time, channel), optional
         With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
     peak_ratio : ndarray, shape (channel,), optional
-        For another record, the measured record's peak over the one predicted of it in the same way, as far as the instrument's
-        noise does not explain it. Ones where nothing is given.
+        For another record, the measured record's peak over the one predicted of it in the same way, with the instrument's noise.
+        Ones where nothing is given.
     peak_share : ndarray, shape (draw,), optional
         The power of `peak_ratio` that corrects the peaks of each draw.
     """
@@ -168,23 +168,22 @@ def _of_the_measured_record(
     prediction = _predicted(posterior, theta, another, None, seed, None, drift, instrument=True)
     scale = BandScale.of(observation.values, prediction.observable, another.dt)
     scaled = _scaled(prediction, scale, observation.channels, another.dt)
-    return scale, _peak_ratio(observation.values, scaled)
+    return scale, _peak_ratio(observation.values, scaled, stream(seed, Purpose.NOISE_OF_THE_PEAK))
 
 
-def _peak_ratio(measured: np.ndarray, prediction: Prediction) -> np.ndarray:
-    """Measured peak over the predicted one, shape (channel,).
+def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
+    """Measured peak over the predicted one with the instrument's noise, which makes a peak larger, shape (channel,).
 
-    Noise makes the measured peak larger than the structure's. By how much is between nothing, the model's errors being all that
-    there is, and what a law that is all noise says. The ratio of the two that is nearer to one is taken, and one between them.
+    The errors of a wrong model are smooth, noise is not: σ² is estimated from second differences of the residual, whose variance
+    is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, who takes first ones).
     """
     structural = prediction.response if prediction.structural is None else prediction.structural
-    largest, *ends = (
-        _largest(measured[None])[0],
-        *(np.median(_largest(x), axis=0) for x in (structural, prediction.observable)),
-    )
-    nearest = np.clip(largest, np.minimum(*ends), np.maximum(*ends))
-    moves = (largest > 0.0) & (nearest > 0.0)
-    return np.where(moves, largest / np.where(moves, nearest, 1.0), 1.0)
+    residual = measured - np.median(prediction.response, axis=0)
+    sd = np.sqrt(np.mean(np.diff(residual, 2, axis=0) ** 2, axis=0) / 6.0) if len(residual) > 2 else 0.0
+    predicted = np.median(_largest(structural + sd * rng.normal(size=structural.shape)), axis=0)
+    largest = _largest(measured[None])[0]
+    moves = (largest > 0.0) & (predicted > 0.0)
+    return np.where(moves, largest / np.where(moves, predicted, 1.0), 1.0)
 
 
 def _largest(histories: np.ndarray) -> np.ndarray:
