@@ -1,5 +1,7 @@
 """A misspelt argument is answered with the nearest name; what is printed well is shown well in a notebook."""
 
+import inspect
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,46 @@ import structid as si
 from structid.errors import InputError
 
 RECORD = si.GroundMotion.synthetic(seed=3).trim(3.0, 5.0)
+
+
+MADE_BY_STRUCTID = ("Certificate", "Design", "ParameterSpace", "Runs", "SamplingResult", "Status", "Term")
+"""Classes of results, and the space, whose arguments have the users' names."""
+CALLED_WITH_NAMES = [
+    *(si.GroundMotion.read, si.GroundMotion.synthetic, si.GroundMotion.lowpass, si.GroundMotion.trim),
+    *(si.GroundMotion.scale_to_pga, si.GroundMotion.response_spectrum, si.Histories.plot, si.Histories.to_csv),
+    *(si.BoucWen.simulate, si.Campaign.run, si.ParameterSpace.sample, si.SamplingResult.to_netcdf, si.PCNARX.fit),
+    *(si.optimize.pattern_search, si.optimize.interior_point),
+]
+
+
+def public_callables():
+    for name in dir(si):
+        value = getattr(si, name)
+        if name in MADE_BY_STRUCTID or not callable(value) or inspect.ismodule(value):
+            continue
+        if not (isinstance(value, type) and issubclass(value, BaseException)):
+            yield value
+    yield from CALLED_WITH_NAMES
+
+
+@pytest.mark.parametrize("function", list(public_callables()), ids=lambda f: f.__qualname__)
+def test_every_public_name_refuses_an_argument_that_it_does_not_have(function):
+    with pytest.raises(InputError, match=r"\(nothing_of_the_kind\): an argument that it does not have. Allowed: \w+"):
+        function(nothing_of_the_kind=1)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: RECORD.scale_to_pga("0.2 g"), r"scale_to_pga\(pga\): the text '0.2 g'. Allowed: a number.*help\("),
+        (lambda: si.sample(None, seed="a"), r"sample\(seed\): the text 'a'"),
+        (lambda: si.Uniform("1 kN", 2.0), r"Uniform\(low\): the text '1 kN'"),
+        (lambda: RECORD.lowpass(edge="20"), r"lowpass\(edge\): the text '20'"),
+    ],
+)
+def test_a_text_in_the_place_of_a_number(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,6 @@ pytestmark = pytest.mark.quick
         ("20 Hz", "Hz", 20.0),
         ("1.5 cm/s^2", "m/s^2", 0.015),
         (2.0, "kN/mm", 2e6),
-        ("-4", "", -4.0),
     ],
 )
 def test_quantities_become_si(text, unit, value):
@@ -30,6 +29,23 @@ def test_quantities_become_si(text, unit, value):
 def test_wrong_quantities_name_the_key(text):
     with pytest.raises(InputError, match=r"record.lowpass|furlongs"):
         units.to_si(text, "Hz", "record.lowpass")
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "words"),
+    [
+        ("12 000 kg", "kg", "'12' alone would be read as the number.*without spaces and commas"),
+        ("12,000 kg", "kg", "'12' alone would be read"),
+        (
+            "2",
+            "",
+            "'2', a text without a unit. Allowed: a text with its unit, such as '2 %', or the number without quotes",
+        ),
+    ],
+)
+def test_a_number_that_would_be_read_as_another(text, unit, words):
+    with pytest.raises(InputError, match=words):
+        units.to_si(text, unit)
 
 
 def test_hertz_is_not_radians():

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from structid.errors import InputError, check_choice
-from structid.units import si_unit, to_si
+from structid.units import factor_of, si_unit
 
 
 class ChannelUnit(NamedTuple):
@@ -98,7 +98,7 @@ def declared_unit(channel: str, unit: str) -> ChannelUnit:
     """
     known = standard_unit(channel)
     if known.si:
-        to_si(f"1 {unit}", known.si, f"unit of the channel '{channel}'")
+        factor_of(unit, known.si, f"unit of the channel '{channel}'")
         return known
     return ChannelUnit(si_unit(unit), unit)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
@@ -75,36 +76,55 @@ def undamaged(path: object, content: str) -> Iterator[None]:
 T = TypeVar("T", bound=Callable[..., Any])
 
 
-def names_checked(function: T) -> T:
-    """Make a class or function refuse arguments that it does not know by a sentence with the nearest name that it knows.
+NUMBERS = {"float", "int", "None"}
+"""Annotations in whose place a text is a mistake."""
+
+
+def names_checked(what: T) -> T:
+    """Make a class or function refuse arguments that it does not know, and texts in the place of numbers, by a sentence.
 
     Parameters
     ----------
-    function : callable
-        A dataclass, whose ``__init__`` is wrapped, or a function.
+    what : callable
+        A function; or a class, whose ``__init__`` and public methods are wrapped.
 
     Returns
     -------
     callable
-        The same class, or the wrapped function.
+        The wrapped function, or the same class.
     """
-    plain: Any = vars(function)["__init__"] if isinstance(function, type) else function
-    known = [name for name in inspect.signature(function).parameters if not name.startswith("_")]
+    if not isinstance(what, type):
+        return cast(T, _checked(what, what.__qualname__))
+    setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
+    for name, method in vars(what).copy().items():
+        if not name.startswith("_") and isinstance(method, (classmethod, staticmethod)):
+            setattr(what, name, type(method)(_checked(method.__func__, method.__func__.__qualname__)))
+        elif not name.startswith("_") and inspect.isfunction(method):
+            setattr(what, name, _checked(method, method.__qualname__))
+    return what
 
-    @functools.wraps(plain)
+
+def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
+    every = inspect.signature(function).parameters
+    parameters = {name: p for name, p in every.items() if name not in ("self", "cls")}
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    known = [name for name in parameters if not name.startswith("_")]
+    numbers = {n for n, p in parameters.items() if set(re.split(r"\s*\|\s*", str(p.annotation))) <= NUMBERS}
+    in_order = tuple(every)
+
+    @functools.wraps(function)
     def checked(*arguments: Any, **named: Any) -> Any:
         for name in named:
-            if name not in known and not name.startswith("_"):
+            if not open_ended and name not in parameters:
                 cure = suggestion(name, known)
-                raise InputError(
-                    f"{function.__name__}({name})", "an argument that it does not have", ", ".join(known), cure
-                )
-        return plain(*arguments, **named)
+                raise InputError(f"{called}({name})", "an argument that it does not have", ", ".join(known), cure)
+        for name, value in (*zip(in_order, arguments, strict=False), *named.items()):
+            if isinstance(value, str) and name in numbers:
+                cure = f"Write it without quotes. help({called}) says in which unit."
+                raise InputError(f"{called}({name})", f"the text '{value}'", "a number", cure)
+        return function(*arguments, **named)
 
-    if isinstance(function, type):
-        setattr(function, "__init__", checked)  # noqa: B010, the name is not to be looked up by a type checker
-        return function
-    return cast(T, checked)
+    return checked
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from structid.channels import ChannelUnit, standard_unit
-from structid.errors import InputError, Status, check_choice
+from structid.errors import InputError, Status, check_choice, names_checked
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@names_checked
 @dataclass(frozen=True)
 class Histories:
     """Response histories of several runs on one excitation.

@@ -13,14 +13,16 @@ import types
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, StoreMismatchError
+from structid.errors import InputError, StoreMismatchError, undamaged
 
 _MAGIC = b"structid-journal-1\n"
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _FRAME = struct.Struct("<QI")  # payload length, CRC-32
 
 
@@ -214,6 +216,41 @@ CURES = {
     "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
 }
 """What to do where nothing else differs."""
+
+
+@contextmanager
+def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
+    """Open an HDF5 file that somebody names, and tell one that is damaged from one that never was such a file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    content : str
+        What it should hold.
+
+    Yields
+    ------
+    h5py.File
+        Open for reading.
+
+    Raises
+    ------
+    InputError
+        If it is no HDF5 file, or a part of it that is asked for cannot be read.
+    """
+    import h5py
+
+    given = Path(path)
+    if given.is_file() and given.stat().st_size > 0:
+        with given.open("rb") as raw:
+            if raw.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
+                cure = "Name another file: this one is left as it is."
+                raise InputError(
+                    f"{path}", "it is no HDF5 file", f"a file in which structid has stored {content}", cure
+                )
+    with undamaged(path, content), h5py.File(given, "r") as file:
+        yield file
 
 
 def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:

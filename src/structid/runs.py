@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from structid.channels import standard_unit
-from structid.errors import InputError, Status, check_choice
+from structid.errors import InputError, Status, check_choice, names_checked
 from structid.figures import runs as figures
 from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
@@ -148,6 +148,7 @@ class Runs(ShownAsText):
         object.__setattr__(self, "reasons", tuple(self.reasons) or ("",) * runs)
 
     @classmethod
+    @names_checked
     def from_histories(cls, design: Design, histories: Histories, record: Excitation) -> Runs:
         """Combine the arguments of `Model.simulate` with its result.
 
@@ -342,6 +343,7 @@ class Runs(ShownAsText):
             },
         )
 
+    @names_checked
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw bands of the responses, and where in parameter space runs failed.
 

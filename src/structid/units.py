@@ -135,24 +135,75 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
         return float(value) * factor(unit)
     match = _NUMBER.match(value)
     if match is None:
-        raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'")
+        raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'".rstrip(" '") + "'")
     number, own = float(match.group(1)), match.group(2)
     if own == "":
-        if unit in ("", "-", "1"):
-            return number
+        pure = unit in ("", "-", "1")
         raise InputError(
             where,
             f"'{value}', a text without a unit",
-            f"a text with its unit, such as '{value.strip()} {unit}', or the number without quotes, which is in {unit}",
+            f"a text with its unit, such as '{value.strip()} {'%' if pure else unit}', or the number without quotes, which is "
+            f"{'a pure number' if pure else f'in {unit}'}",
         )
-    if not same_dimension(own, unit):
+    if re.match(r"(?!1\s*/)[\d.,]", own):
         raise InputError(
             where,
-            f"'{value}' has the unit '{own}'",
-            f"a unit that measures the same as '{unit or 'a pure number'}'",
+            f"'{value}', of which '{match.group(1)}' alone would be read as the number",
+            f"one number and its unit, such as '12000 {unit}'".rstrip(" '") + "'",
+            "Write thousands without spaces and commas, and decimals with a point.",
+        )
+    return number * factor_of(own, unit, where)
+
+
+def factor_of(unit: str, like: str, where: str) -> float:
+    """SI value of one `unit`, which must measure the same as another.
+
+    Parameters
+    ----------
+    unit : str
+        The unit that came.
+    like : str
+        One of the dimension that is wanted; empty for a pure number.
+    where : str
+        The key or argument, for the message.
+
+    Returns
+    -------
+    float
+        The factor; see `factor`.
+
+    Raises
+    ------
+    InputError
+        If it is unknown, or has another dimension.
+    """
+    if not same_dimension(unit, like):
+        raise InputError(
+            where,
+            f"the unit '{unit}'",
+            f"a unit that measures the same as '{like or 'a pure number'}'",
             "Correct the unit.",
         )
-    return number * factor(own)
+    return factor(unit)
+
+
+def check_power_of_length(unit: str, where: str) -> None:
+    """Refuse a unit that is no power of a length, as those of β and γ are, m⁻ⁿ.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``"1/mm"``.
+    where : str
+        The key or argument, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is another unit.
+    """
+    if set(_si_quantity(unit).dimensionality) - {"[length]"}:
+        raise InputError(where, f"'{unit}'", "a power of a length, such as '1/m'", "Correct the unit.")
 
 
 def is_quantity(text: str) -> bool:

@@ -78,7 +78,7 @@ def test_two_writers_are_one_too_many(tmp_path):
 
 def test_files_that_are_no_stores(tmp_path):
     (tmp_path / "thesis.h5").write_text("my thesis")
-    with pytest.raises(InputError, match="no file of structid"):
+    with pytest.raises(InputError, match="it is no HDF5 file"):
         si.Campaign(wave_model(), RECORD, SPACE.sample(2, seed=1), tmp_path / "thesis.h5").run()
     assert (tmp_path / "thesis.h5").read_text() == "my thesis"
     with pytest.raises(InputError, match="no such store"):

@@ -29,6 +29,9 @@ SAME = {
     "values with decimal commas": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.6f}").replace(".", ","),
     "Fortran's exponents": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("e", "D"),
     "negative values without a space": TITLE + IN_G + "NPTS= 8, DT= .0100 SEC\n" + body("{:.4e}").replace("  -", "-"),
+    "milliseconds in full": TITLE + IN_G + "NPTS= 8, DT= 10 MILLISECONDS\n" + body(),
+    "percent of g": TITLE + "ACCELERATION IN UNITS OF %G\nNPTS= 8, DT= .0100 SEC\n"
+    + "  ".join(f"{100.0 * v:.8f}" for v in VALUES),
     "no unit": TITLE + "NPTS= 8, DT= .0100 SEC\n" + body(),
     "cm/s²": TITLE + "ACCELERATION TIME SERIES IN UNITS OF CM/SEC**2\nNPTS= 8, DT= .0100 SEC\n"
     + "  ".join(f"{100.0 * G * v:.8f}" for v in VALUES),
@@ -50,9 +53,12 @@ REFUSED = {
     "velocity": (
         TITLE + "VELOCITY TIME SERIES IN UNITS OF CM/S\n" + END,
         None,
-        r"a velocity time series.*an acceleration",
+        r"'VELOCITY TIME SERIES'.*an acceleration",
     ),
-    "displacement": (TITLE + "DISPLACEMENT TIME HISTORY IN UNITS OF CM\n" + END, None, "a displacement time history"),
+    "velocity, its unit in brackets": (TITLE + "VELOCITY (CM/SEC)\n" + END, None, r"'VELOCITY \('.*an acceleration"),
+    "velocity, shortened": (TITLE + "VEL TIME SERIES IN UNITS OF CM/S\n" + END, None, "'VEL TIME SERIES'"),
+    "the unit of a velocity": (TITLE + "TIME SERIES IN UNITS OF CM/S\n" + END, "g", "'CM/S', which is none of an acc"),
+    "displacement": (TITLE + "DISPLACEMENT TIME HISTORY IN UNITS OF CM\n" + END, None, "'DISPLACEMENT TIME HISTORY'"),
     "a unit nobody knows": (TITLE + "ACCELERATION IN UNITS OF FURLONGS\n" + END, None, "line 3: the unit 'FURLONGS'"),
     "two units": (SAME["as PEER writes it"], "cm/s^2", r"the header says 'G', and unit='cm/s\^2' is given"),
     "a unit of another quantity": (SAME["as PEER writes it"], "cm", "unit"),
@@ -67,6 +73,13 @@ def test_what_is_no_such_record_is_refused(text, unit, words, tmp_path):
     (tmp_path / "r.AT2").write_text(text)
     with pytest.raises(InputError, match=words):
         si.GroundMotion.read(tmp_path / "r.AT2", unit=unit)
+
+
+def test_a_time_step_beside_that_of_the_header(tmp_path):
+    (tmp_path / "r.AT2").write_text(SAME["as PEER writes it"])
+    assert si.GroundMotion.read(tmp_path / "r.AT2", dt=0.01).dt == 0.01
+    with pytest.raises(InputError, match=r"the header says a time step of 0.01 s, and dt=0.005 is given"):
+        si.GroundMotion.read(tmp_path / "r.AT2", dt=0.005)
 
 
 def test_a_unit_that_is_given_and_not_in_the_header_counts(tmp_path):
@@ -102,7 +115,12 @@ def test_an_esm_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("first", "name"), [("CORRECTED ACCELEROGRAM IIA001", "CSMIP"), ("Corrected data, COSMOS format v01.20", "COSMOS")]
+    ("first", "name"),
+    [
+        ("CORRECTED ACCELEROGRAM IIA001", "CSMIP"),
+        ("Corrected data, COSMOS format v01.20", "COSMOS"),
+        ("Corrected acceleration, velocity and displacement 15 lines (Format v01.20 with 13 text lines)", "COSMOS"),
+    ],
 )
 def test_other_formats_are_named(first, name, tmp_path):
     (tmp_path / "r.v2").write_text(first + "\n1 2 3\n4 5 6\n")
@@ -114,7 +132,27 @@ def test_values_that_go_on_from_line_to_line_are_not_read_as_columns(tmp_path):
     (tmp_path / "wrapped.txt").write_text("\n".join(" ".join(f"{v:.3f}" for v in row) for row in VALUES.reshape(2, 4)))
     with pytest.raises(InputError, match="4 values a line, a time step, and no column named"):
         si.GroundMotion.read(tmp_path / "wrapped.txt", dt=0.01, unit="g")
+    with pytest.raises(InputError, match=r"4 values a line, and no column named.*one value a line, and give dt"):
+        si.GroundMotion.read(tmp_path / "wrapped.txt", unit="g")
     assert len(si.GroundMotion.read(tmp_path / "wrapped.txt", dt=0.01, unit="g", column=2)) == 2
+
+
+@pytest.mark.parametrize(
+    "head", ["time [s], acc [cm/s2]", "# t (s);a (gal)", "Time (s)\tAcc (cm/sec**2)", "% t [s]  a [cm/s^2]"]
+)
+def test_a_unit_in_the_head_of_the_column_is_checked(head, tmp_path):
+    between = next(mark for mark in (";", ",", "\t", "  ") if mark in head)
+    (tmp_path / "r.csv").write_text("\n".join([head, *(f"{0.01 * i:.2f}{between}{v}" for i, v in enumerate(VALUES))]))
+    np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.csv", unit="cm/s^2").values, 0.01 * VALUES)
+    with pytest.raises(InputError, match=r"line 1: the column is called '.*and unit='g' is given"):
+        si.GroundMotion.read(tmp_path / "r.csv", unit="g")
+
+
+def test_three_columns_are_asked_about(tmp_path):
+    (tmp_path / "r.txt").write_text("0.00 1.0 2.0\n0.01 1.5 2.5\n")
+    with pytest.raises(InputError, match=r"3 values a line, and no column named. Allowed: column=1 to 2"):
+        si.GroundMotion.read(tmp_path / "r.txt", unit="g")
+    np.testing.assert_allclose(si.GroundMotion.read(tmp_path / "r.txt", unit="g", column=2).values, [2.0 * G, 2.5 * G])
 
 
 def test_damaged_headers_are_told_and_never_crash(tmp_path):

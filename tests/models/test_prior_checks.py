@@ -23,9 +23,11 @@ def posterior(**priors):
     [
         (dict(stiffness=si.Normal(7.0, 1.0, unit="kg")), "unit of the prior of 'stiffness'.*kg"),
         (dict(mass=si.Normal(12.0, 1.0, unit="kN")), "unit of the prior of 'mass'.*kN"),
-        (dict(stiffness=si.Uniform(-1e6, 8e6)), "stiffness.*11% lies outside 0 and above"),
-        (dict(alpha=si.Uniform(0.0, 2.0)), "alpha.*50% lies outside 0 to 1"),
-        (dict(damping_ratio=si.Normal(0.0, 0.02)), "damping_ratio.*50% lies outside"),
+        (dict(stiffness=si.Uniform(-1e6, 8e6)), "stiffness.*11% of it lies outside 0 and above"),
+        (dict(alpha=si.Uniform(0.0, 2.0)), "alpha.*50% of it lies outside 0 to 1"),
+        (dict(damping_ratio=si.Normal(0.0, 0.02)), "damping_ratio.*50% of it lies outside"),
+        (dict(beta=si.Uniform(-60.0, 60.0)), "beta.*50% of it lies outside"),
+        (dict(beta=si.Uniform(40.0, 60.0, unit="kg")), "unit of the prior of 'beta'.*kg"),
     ],
 )
 def test_priors_that_are_not_physical(prior, words):
@@ -38,7 +40,18 @@ def test_the_tail_of_a_normal_prior_is_nobodys_mistake():
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("alpha", 1.2), ("alpha", -0.1), ("damping_ratio", -0.03), ("mass", -1.0), ("stiffness", -1.0)]
+    ("name", "value"),
+    [
+        ("alpha", 1.2),
+        ("alpha", -0.1),
+        ("damping_ratio", -0.03),
+        ("mass", -1.0),
+        ("stiffness", -1.0),
+        ("beta", -3.0),
+        ("delta_nu", -0.01),
+        ("amplitude", 0.0),
+        ("zeta0", -0.1),
+    ],
 )
 def test_values_that_are_not_physical(name, value):
     with pytest.raises(InputError, match=f"{name}.*{value:g}".replace("-", ".")):
@@ -56,6 +69,13 @@ def test_the_same_measurement_twice():
 
 
 def test_where_gamma_exceeds_beta_the_response_need_not_stay_bounded():
-    assert unstable_share({"gamma_ratio": np.array([0.5, -1.0, 1.5, 2.0])}) == 0.5
-    assert unstable_share({"beta": np.array([10.0, 10.0]), "gamma": np.array([-11.0, 3.0])}) == 0.5
-    assert unstable_share({"beta": np.array([10.0])}) == 0.0
+    one, two = dict(storeys=2, **KNOWN), dict(storeys=2, **KNOWN | {"gamma_ratio": (0.5, -2.0)})
+    space = si.ParameterSpace(gamma_ratio_2=si.Uniform(-1.0, 3.0), mass=si.Normal(12e3, 1.0))
+    assert unstable_share(space, si.ShearFrame(**one, free=("gamma_ratio_2",))) == pytest.approx(0.5, abs=0.01)
+    none = si.ParameterSpace(alpha=si.Uniform(0.0, 1.0))
+    assert unstable_share(none, si.ShearFrame(**one)) == 0.0 and unstable_share(none, si.ShearFrame(**two)) == 1.0
+    gamma = {n: v for n, v in KNOWN.items() if n not in ("gamma_ratio", "beta")} | {"gamma": 61.0}
+    betas = si.ParameterSpace(beta=si.Uniform(41.0, 81.0))
+    assert unstable_share(betas, si.BoucWen(**gamma, free=("beta",))) == pytest.approx(0.5, abs=0.01)
+    with pytest.warns(si.StructidWarning, match="50% of the prior .gamma. exceeds beta"):
+        posterior(gamma_ratio=si.Uniform(-1.0, 3.0))

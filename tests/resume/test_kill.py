@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.errors import InputError
 from structid.inference.sample import chain_identity
 from structid.inference.sampling.chain_store import ChainStore
 from studies import PLAIN, shortened
@@ -106,3 +107,26 @@ def test_a_killed_study_goes_on_to_the_same_draws(tmp_path):
     undisturbed = si.sample(built.posterior, built.sampler, built.file.seed)
     stored = si.sample(built.posterior, built.sampler, built.file.seed, store=tmp_path / "out" / "chains.h5")
     np.testing.assert_array_equal(stored.history, undisturbed.history)
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.5, 0.8, 0.97])
+def test_a_byte_that_has_flipped_in_a_finished_store(tmp_path, short_posterior, share):
+    """Every byte may be the one: the draws are the same, or the file is said to be damaged, and never another's."""
+    path, sampler = tmp_path / "chains.h5", si.SMC(particles=40, ensembles=2, steps=5, effective_share=0.5)
+    drawn = si.sample(short_posterior, sampler, seed=1, store=path)
+    whole = bytearray(path.read_bytes())
+    whole[int(share * len(whole))] ^= 0x55
+    path.write_bytes(bytes(whole))
+    try:
+        again = si.sample(short_posterior, sampler, seed=1, store=path)
+    except InputError as told:
+        assert "it is damaged" in str(told) and "Take it from a copy" in str(told)
+    else:
+        np.testing.assert_array_equal(again.history, drawn.history)
+
+
+def test_a_text_file_is_left_as_it_is(tmp_path, short_posterior):
+    (tmp_path / "notes.txt").write_text("not to be removed")
+    for read in (si.open_runs, si.load_surrogate, lambda path: si.sample(short_posterior, store=path)):
+        with pytest.raises(InputError, match=r"notes.txt: it is no HDF5 file.*left as it is"):
+            read(tmp_path / "notes.txt")

@@ -1,5 +1,6 @@
 """UM-Bridge: our client and the official server, the official client and our server."""
 
+import socket
 import sys
 from pathlib import Path
 
@@ -9,8 +10,8 @@ import pytest
 import solvers
 import structid as si
 from servers import free_port, served, serving_waves
-from structid.errors import Status
-from structid.solvers.um_bridge import ServedModel
+from structid.errors import InputError, Status
+from structid.solvers.um_bridge import ServedModel, check_address, is_this_machine
 from studies import PLAIN, shortened
 
 RECORD = si.GroundMotion(np.sin(np.arange(400) * 0.05), 0.01, "sine")
@@ -90,3 +91,18 @@ def test_a_run_that_fails_is_too_short_for_the_protocol():
     assert [len(v) for v in served_model([[2.0]], {})] == [100]
     assert served_model.get_output_sizes({}) == [400]
     assert not served_model.supports_gradient()
+
+
+@pytest.mark.parametrize(("host", "port"), [("no such host", 4242), ("127.0.0.1", 99_999), ("203.0.113.7", 4242)])
+def test_an_address_at_which_nobody_can_listen(host, port):
+    with pytest.raises(InputError, match=f"the address {host}:{port}, at which it cannot listen"):
+        check_address(host, port)
+
+
+def test_who_else_can_reach_an_address():
+    assert is_this_machine("127.0.0.1") and is_this_machine("localhost") and not is_this_machine("0.0.0.0")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(InputError, match="in use"):
+            check_address("127.0.0.1", taken.getsockname()[1])

@@ -17,7 +17,7 @@ from structid.calibration.plan import Plan
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
-from structid.errors import InputError, Status
+from structid.errors import InputError, Status, names_checked
 from structid.inference.assessment.certificate import Certificate, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
@@ -49,6 +49,7 @@ Tell = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and the total."""
 
 
+@names_checked
 def calibrate(
     model: Model,
     space: ParameterSpace,

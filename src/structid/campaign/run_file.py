@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 from structid.campaign.stored_histories import FileSource, damaged_rows
-from structid.errors import InputError, Status, StoreError, StructidWarning, undamaged
+from structid.errors import InputError, Status, StoreError, StructidWarning
 from structid.ground_motion.excitation import (
     CombinedExcitation,
     DisplacementHistory,
@@ -24,6 +24,7 @@ from structid.ground_motion.excitation import (
     padded_values,
 )
 from structid.ground_motion.record import GroundMotion
+from structid.journal import opened_hdf5
 from structid.probability.space import Design, ParameterSpace
 from structid.runs import Runs
 
@@ -285,7 +286,7 @@ def read_rows(path: Path) -> dict[str, Row]:
         By key, without pending runs.
     """
     source = FileSource(path)
-    with undamaged(path, "runs"), h5py.File(path, "r") as file:
+    with opened_hdf5(path, "runs") as file:
         columns = [file[n][...] for n in ("key", "status", "failure_time", "seconds", "attempts", "finished")]
         reasons = file["reason"].asstr()[...]
     rows = {}
@@ -312,7 +313,7 @@ def read_keys(path: Path) -> list[str]:
     list of str
         One for each run, in the order of the file.
     """
-    with undamaged(path, "runs"), h5py.File(path, "r") as file:
+    with opened_hdf5(path, "runs") as file:
         return [k.decode() for k in file["key"][...]]
 
 
@@ -334,7 +335,7 @@ def read_header(path: Path) -> tuple[Header, np.ndarray, np.ndarray]:
     InputError
         If it is not a file of runs, or one of a later version of structid.
     """
-    with undamaged(path, "runs of a Campaign"), h5py.File(path, "r") as file:
+    with opened_hdf5(path, "runs of a Campaign") as file:
         _refuse_later_layout(path, int(file.attrs["schema"]))
         plain = json.loads(file.attrs["records"])
         records = tuple(

@@ -14,7 +14,7 @@ from structid.campaign.executors import LostWorkerError, Pool, opened
 from structid.campaign.journal_entries import Finished
 from structid.campaign.run_file import Header
 from structid.campaign.store import MemoryStore, RunStore, open_runs
-from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
+from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError, names_checked
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
 from structid.mechanics.lanes.machine import engine
@@ -46,6 +46,7 @@ class _Ticket:
     attempts: int
 
 
+@names_checked
 class Campaign:
     """True runs of a model over a design, on one record or several.
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 
-from structid.errors import InputError, Status, undamaged
+from structid.errors import InputError, Status
+from structid.journal import opened_hdf5
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class FileSource:
         ndarray, shape (row, time, channel)
             Histories.
         """
-        with undamaged(self.path, "histories of runs"), h5py.File(self.path, "r") as file:
+        with opened_hdf5(self.path, "histories of runs") as file:
             values = file["values"]
             # h5py needs increasing, distinct rows.
             distinct, back = np.unique(positions, return_inverse=True)
@@ -74,7 +74,7 @@ def damaged_rows(path: Path, changed: int, size: int) -> frozenset[int]:
     frozenset of int
         Numbers of the rows; pending runs have no history.
     """
-    with undamaged(path, "runs"), h5py.File(path, "r") as file:
+    with opened_hdf5(path, "runs") as file:
         return frozenset(_unreadable(file["values"], np.flatnonzero(file["status"][...] != Status.PENDING)))
 
 

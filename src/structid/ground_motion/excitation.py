@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.journal import digest
 
 
@@ -162,6 +162,7 @@ class Excitation:
         return self.lead_in_periods * len(self)
 
 
+@names_checked
 class ForceHistory(Excitation):
     """A force on the mass [N] (for a frame: on the top storey).
 
@@ -179,6 +180,7 @@ class ForceHistory(Excitation):
     unit = "N"
 
 
+@names_checked
 class DisplacementHistory(Excitation):
     """An imposed displacement [m], as in a quasi-static cyclic test; the model returns the force.
 
@@ -196,6 +198,7 @@ class DisplacementHistory(Excitation):
     unit = "m"
 
 
+@names_checked
 class CombinedExcitation(Excitation):
     """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
 

@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.errors import InputError
-from structid.ground_motion.record_files import lines_of, numbers_of, read_esm, read_peer
-from structid.units import to_si
+from structid.ground_motion.record_files import UNITS, lines_of, numbers_of, read_esm, read_peer
+from structid.units import factor, factor_of, same_dimension
 
 NOT_READ = {
-    "COSMOS": re.compile(r"COSMOS\s+FORMAT", re.IGNORECASE),
+    "COSMOS": re.compile(r"COSMOS\s+FORMAT|\(\s*FORMAT\s+V\s*\d", re.IGNORECASE),
     "CSMIP volume 1 or 2": re.compile(r"(UN)?CORRECTED ACCELEROGRAM", re.IGNORECASE),
 }
 """Formats that are known by their first lines, and not read."""
@@ -35,7 +35,7 @@ def read_acceleration(
     path : path-like
         The file; the extension ``.at2`` marks a PEER file.
     dt : float, optional
-        Time step [s] of a text file without a time column.
+        Time step [s] of a text file without a time column. That of another file is in its header, and must be the same.
     unit : str, optional
         Unit of the values. Needed for a text file; that of another file is in its header, and must be the same.
     column : int, optional
@@ -52,10 +52,10 @@ def read_acceleration(
         If the file cannot be read as such a record, or a text file comes without a unit.
     """
     if Path(path).suffix.lower() == ".at2":
-        return read_peer(path, unit)
+        return read_peer(path, unit, dt)
     first = "\n".join(lines_of(path)[:40])
     if "SAMPLING_INTERVAL_S:" in first:
-        return read_esm(path, unit)
+        return read_esm(path, unit, dt)
     for name, sign in NOT_READ.items():
         if sign.search(first):
             raise InputError(
@@ -128,15 +128,8 @@ def read_columns(
     InputError
         If the file is empty, a value is not a number, or the step of the time column is not constant.
     """
-    table, numbers = _table(path)
-    if dt is not None and column is None and table.shape[1] > 1:
-        raise InputError(
-            f"{path}, line {numbers[0]}",
-            f"{table.shape[1]} values a line, a time step, and no column named",
-            f"column=0 to {table.shape[1] - 1}, or one value a line",
-            "Where the record goes on from line to line, write it with one value a line. A time column needs no dt.",
-        )
-    wanted = [(0 if dt is not None else 1) if column is None else column, *others]
+    table, numbers, titles = _table(path)
+    wanted = [_column(path, table, numbers, dt) if column is None else column, *others]
     for index in wanted:
         if not 0 <= index < table.shape[1]:
             raise InputError(
@@ -147,17 +140,52 @@ def read_columns(
             )
     start = 0.0 if dt is not None else float(table[0, 0])
     step = _constant_step(path, table[:, 0], numbers) if dt is None else dt
-    by = to_si(1.0, unit, f"{path}: unit") if si_unit is None else to_si(f"1 {unit}", si_unit, f"{path}: unit")
+    by = factor(unit) if si_unit is None else factor_of(unit, si_unit, f"{path}: unit")
+    if len(titles) == table.shape[1]:
+        for index in wanted:
+            _check_unit_of_title(f"{path}, line {numbers[0] - 1}", titles[index], unit)
     return Columns(start, step, table[:, wanted] * by)
 
 
-def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int]]:
-    """All numbers of a file (line, column), and the numbers of its lines."""
+def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int], dt: float | None) -> int:
+    """The column of the values, where only one can be meant."""
+    columns, where = table.shape[1], f"{path}, line {numbers[0]}"
+    wrapped = "Where the record goes on from line to line, write it with one value a line, and give dt."
+    if dt is not None and columns > 1:
+        allowed = f"column=0 to {columns - 1}, or one value a line"
+        cure = f"{wrapped} A time column needs no dt."
+        raise InputError(where, f"{columns} values a line, a time step, and no column named", allowed, cure)
+    if columns > 2:
+        allowed = f"column=1 to {columns - 1}, the time being column 0"
+        raise InputError(where, f"{columns} values a line, and no column named", allowed, wrapped)
+    return 0 if dt is not None else 1
+
+
+def _check_unit_of_title(where: str, title: str, unit: str) -> None:
+    """Refuse a unit that another one in brackets at the head of the column contradicts."""
+    bracketed = re.search(r"[(\[]\s*([^)\]]+?)\s*[)\]]", title)
+    if bracketed is None:
+        return
+    spelt = bracketed.group(1)
+    said = UNITS.get(spelt.lower(), spelt)
+    try:
+        agree = same_dimension(said, unit) and abs(factor(said) / factor(unit) - 1.0) < 1e-3
+    except InputError:
+        return
+    if not agree:
+        cure = f"Leave it at unit='{said}', or correct the head of the column."
+        raise InputError(where, f"the column is called '{title.strip()}', and unit='{unit}' is given", "one unit", cure)
+
+
+def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[str]]:
+    """All numbers of a file (line, column), the numbers of its lines, and the words of the line above the first."""
     rows: list[list[float]] = []
     numbers: list[int] = []
+    titles: list[str] = []
     for number, line in enumerate(lines_of(path), start=1):
         text = line.strip()
         if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
+            titles = titles if rows else _titles(text)
             continue
         row = numbers_of(path, [_in_columns(text)], first_line=number)
         if rows and len(row) != len(rows[0]):
@@ -166,7 +194,12 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int]]:
         numbers.append(number)
     if len(rows) < 2:
         raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more")
-    return np.array(rows), numbers
+    return np.array(rows), numbers, titles
+
+
+def _titles(text: str) -> list[str]:
+    """Heads of columns: apart by semicolons, commas or tabs, or by two spaces."""
+    return [word for word in re.split(r";|,|\t|\s{2,}", text.lstrip("#% ")) if word.strip()]
 
 
 def _in_columns(text: str) -> str:
@@ -203,7 +236,7 @@ def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers:
             f"{path}, line {line_numbers[at]}",
             f"time {time[at]:g} s breaks the constant step of {dt:g} s",
             "times that increase by a constant step",
-            "Resample the record to a constant step first.",
+            "Resample the record to a constant step first. Where decimals have commas, put semicolons between the columns.",
         )
     # The mean over all samples has the digits that single printed times lack.
     return float(f"{dt:.9g}")

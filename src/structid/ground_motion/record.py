@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.figures import record as record_figures
 from structid.ground_motion import processing, readers, spectra
 from structid.ground_motion.excitation import Excitation
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+@names_checked
 class GroundMotion(Excitation):
     """Ground acceleration at a constant step. Immutable: every operation returns a new one.
 

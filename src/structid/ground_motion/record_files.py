@@ -10,17 +10,22 @@ from pathlib import Path
 import numpy as np
 
 from structid.errors import InputError
-from structid.units import to_si
+from structid.units import STANDARD_GRAVITY, factor, factor_of
 
 _NUMBER = r"(\d*[.,]?\d+(?:[eEdD][-+]?\d+)?|\d+[.,])"
 _COUNT = re.compile(r"NPTS\s*[=:]\s*(\d+)", re.IGNORECASE)
-_STEP = re.compile(rf"\bDT\s*[=:]\s*{_NUMBER}\s*(MSEC|MS\b)?", re.IGNORECASE)
+_STEP = re.compile(rf"\bDT\s*[=:]\s*{_NUMBER}\s*(MSEC|MS\b|MILLISEC)?", re.IGNORECASE)
 _OLD_HEADER = re.compile(rf"^\s*(\d+)\s+{_NUMBER}\s+.*NPTS\s*,\s*DT", re.IGNORECASE)
-_ANOTHER_QUANTITY = re.compile(r"\b(VELOCITY|DISPLACEMENT)\s+TIME\s+(SERIES|HISTORY)", re.IGNORECASE)
-_UNIT = re.compile(r"\bUNITS?\s*(?:OF|ARE|IN|[:=])\s*[(\[]?\s*([A-Za-z][\w*/^]*)", re.IGNORECASE)
+_ANOTHER_QUANTITY = re.compile(
+    r"\b(VEL(?:OCITY)?|DISP(?:LACEMENT)?)\.?\s*(?:TIME\s+(?:SERIES|HISTORY)|DATA|\(|\[|,|(?:IN\s+)?UNITS)",
+    re.IGNORECASE,
+)
+_UNIT = re.compile(r"\bUNITS?\s*(?:OF|ARE|IN|[:=])\s*[(\[]?\s*(%?[A-Za-z][\w*/^]*)", re.IGNORECASE)
+_ANOTHER_UNIT = re.compile(r"(c|m)?m|in(ch(es)?)?|(c|m)?m/s(ec)?|in/s(ec)?", re.IGNORECASE)
+"""Units of a velocity or a displacement."""
 
 UNITS = {
-    "g": "g", "gal": "cm/s^2", "gals": "cm/s^2", "mg": "0.001 g",
+    "g": "g", "gal": "cm/s^2", "gals": "cm/s^2", "mg": "0.001 g", "%g": "0.01 g",
     **{spelt: "cm/s^2" for spelt in ("cm/sec**2", "cm/s**2", "cm/s/s", "cm/sec/sec", "cm/sec2", "cm/s2", "cm/s^2", "cm/sec^2")},
     **{spelt: "m/s^2" for spelt in ("m/sec**2", "m/s**2", "m/s/s", "m/sec/sec", "m/sec2", "m/s2", "m/s^2", "m/sec^2")},
     **{spelt: "mm/s^2" for spelt in ("mm/sec**2", "mm/s**2", "mm/s/s", "mm/s2", "mm/s^2")},
@@ -28,7 +33,9 @@ UNITS = {
 """Units of an acceleration as headers spell them, in small letters."""
 
 
-def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.ndarray, float]:
+def read_peer(
+    path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
+) -> tuple[np.ndarray, float]:
     """Read a PEER ``.AT2`` file: a header of up to eight lines with the count, the step, the quantity and its unit, then values.
 
     Parameters
@@ -37,6 +44,8 @@ def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np
         The file.
     unit : str, optional
         Unit of the values, where the header says none, or the same one; g where nobody says any.
+    dt : float, optional
+        Time step [s], which must be that of the header.
 
     Returns
     -------
@@ -51,12 +60,13 @@ def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np
     """
     lines = lines_of(path)
     count, step, last = _count_and_step(path, lines)
+    _check_step(f"{path}, line {last + 1}", step, dt)
     header = lines[: last + 1]
     another = _ANOTHER_QUANTITY.search("\n".join(header))
     if another is not None:
         raise InputError(
             f"{path}, lines 1-{last + 1}",
-            f"a {another.group(0).lower()}",
+            f"'{another.group(0)}'",
             "an acceleration",
             "Take the .AT2 file of the same record.",
         )
@@ -64,6 +74,14 @@ def read_peer(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np
     values = numbers_of(path, [_repaired(line) for line in lines[last + 1 :]], first_line=last + 2)
     _check_count(f"{path}, line {last + 1}", f"NPTS = {count}", values.size == count, values.size)
     return values * by, step
+
+
+def _check_step(where: str, step: float, given: float | None) -> None:
+    if given is not None and abs(given / step - 1.0) > 1e-6:
+        cure = "Leave dt out, or correct the header."
+        raise InputError(
+            where, f"the header says a time step of {step:g} s, and dt={given:g} is given", "one time step", cure
+        )
 
 
 def _check_count(where: str, said: str, right: bool, found: int) -> None:
@@ -99,11 +117,18 @@ def _count_and_step(path: str | os.PathLike[str], lines: list[str]) -> tuple[int
 def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -> float:
     """SI value of one unit of the values: what the header says, and somebody who gives it too."""
     found = next(((n, m.group(1)) for n, line in enumerate(header, start=1) if (m := _UNIT.search(line))), None)
-    given = None if unit is None else to_si(f"1 {unit}", "m/s^2", f"{path}: unit")
+    given = None if unit is None else factor_of(unit, "m/s^2", f"{path}: unit")
     if found is None:
-        return to_si("1 g", "m/s^2", f"{path}: unit") if given is None else given
+        return STANDARD_GRAVITY if given is None else given
     number, spelt = found
     known = UNITS.get(spelt.lower())
+    if _ANOTHER_UNIT.fullmatch(spelt):
+        raise InputError(
+            f"{path}, line {number}",
+            f"the unit '{spelt}', which is none of an acceleration",
+            "g, gal, cm/sec**2, m/sec**2, …",
+            "Take the acceleration of the same record. Or correct the header, if it holds one.",
+        )
     if known is None:
         if given is not None:
             return given
@@ -113,7 +138,7 @@ def _factor(path: str | os.PathLike[str], header: list[str], unit: str | None) -
             "g, gal, cm/sec**2, m/sec**2, …",
             "Say which it is: GroundMotion.read(path, unit='cm/s^2').",
         )
-    by = to_si(known if known[0].isdigit() else f"1 {known}", "m/s^2", f"{path}: unit")
+    by = factor(known)
     if given is not None and abs(given / by - 1.0) > 1e-3:
         raise InputError(
             f"{path}, line {number}",
@@ -135,7 +160,9 @@ def _repaired(line: str) -> str:
     return re.sub(r"(?<=\d),(?=\d)|(?<=[\s-]),(?=\d)", ".", apart).replace(",", " ")
 
 
-def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.ndarray, float]:
+def read_esm(
+    path: str | os.PathLike[str], unit: str | None = None, dt: float | None = None
+) -> tuple[np.ndarray, float]:
     """Read an ESM ASCII file: lines ``KEY: value``, then one value a line.
 
     Parameters
@@ -144,6 +171,8 @@ def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.
         The file.
     unit : str, optional
         Unit of the values, to be checked against that of the header.
+    dt : float, optional
+        Time step [s], to be checked as well.
 
     Returns
     -------
@@ -170,6 +199,7 @@ def read_esm(path: str | os.PathLike[str], unit: str | None = None) -> tuple[np.
             "a unit and a time step in seconds",
             "Complete the header, or name the unit: GroundMotion.read(path, unit='cm/s^2').",
         )
+    _check_step(f"{path}", _decimal(step.group(1)), dt)
     by = _factor(path, lines[: last + 1], unit)
     values = numbers_of(path, lines[last + 1 :], first_line=last + 2)
     told = keys.get("NDATA", str(values.size))

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.drifting import Drifting
@@ -142,6 +142,7 @@ class LawChoice(ShownAsText):
         return "\n".join(lines)
 
 
+@names_checked
 def choose_law(
     space: ParameterSpace,
     model: Model,

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.sampling.chain_store import ChainStore
 from structid.inference.sampling.ensemble import AIES
 from structid.inference.sampling.sampler import Block, Sampler
@@ -25,6 +25,7 @@ POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, corr
 """What the draws of a few chains are compared with."""
 
 
+@names_checked
 def sample(
     target: Target,
     sampler: Sampler | None = None,
@@ -66,7 +67,7 @@ def sample(
     sampler = AIES() if sampler is None else sampler
     if seed < 0:
         raise InputError("sample(seed)", f"{seed}", "a whole number, 0 or more")
-    _check_memory(target, sampler)
+    check_memory(target, sampler)
     chains = None if store is None else ChainStore(store, chain_identity(target, sampler, seed, start))
     blocks = [] if chains is None else chains.blocks()
     seconds = {index: float(block["seconds"].sum()) for index, block in enumerate(blocks)}
@@ -105,8 +106,21 @@ def sample(
     )
 
 
-def _check_memory(target: Target, sampler: Sampler) -> None:
-    """Refuse draws that this machine cannot hold, before the first of them."""
+def check_memory(target: Target, sampler: Sampler) -> None:
+    """Refuse draws that this machine cannot hold, before the first of them.
+
+    Parameters
+    ----------
+    target : Target
+        What is sampled.
+    sampler : Sampler
+        With its settings.
+
+    Raises
+    ------
+    InputError
+        If they do not fit into its memory.
+    """
     numbers = sampler.steps * sampler.ensembles * sampler.walkers * (target.dimension + 2)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else np.inf
     if 8 * numbers > memory:

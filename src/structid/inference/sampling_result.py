@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.errors import InputError, StructidWarning
+from structid.errors import InputError, StructidWarning, names_checked
 from structid.inference.assessment import prediction as predictive
 from structid.inference.assessment.arviz_groups import groups_of_draws, groups_of_measurement
 from structid.inference.assessment.diagnostics import parameter_diagnostics, stuck_walkers
@@ -131,6 +131,7 @@ class SamplingResult:
         """Posterior covariance in SI, shape (parameter, parameter)."""
         return np.cov(self.flat.T).reshape(self.target.dimension, -1)
 
+    @names_checked
     def quantile(self, p: float | np.ndarray) -> np.ndarray:
         """Quantiles of the marginals.
 
@@ -146,6 +147,7 @@ class SamplingResult:
         """
         return np.asarray(np.quantile(self.flat, p, axis=0))
 
+    @names_checked
     def thinned(self, count: int = THINNED_DRAWS) -> np.ndarray:
         """Draws taken evenly from all kept steps and walkers.
 
@@ -364,6 +366,7 @@ class SamplingResult:
 
     # --- ArviZ schema -------------------------------------------------------------------------------------------
 
+    @names_checked
     def to_datatree(self, predictions: bool = True) -> xarray.DataTree:
         """Give everything in the ArviZ schema: posterior, prior, predictives, observed data, statistics, log-likelihood.
 
@@ -407,6 +410,7 @@ class SamplingResult:
             tree.attrs |= {"log_evidence": self.log_evidence.value, "log_evidence_error": self.log_evidence.error}
         return tree
 
+    @names_checked
     def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
         """Write `to_datatree` to a netCDF file, whole or not at all.
 

@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from structid.device import over_runs
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.journal import digest, function_identity
 from structid.probability.bijections import Bijection
 from structid.probability.space import ParameterSpace
@@ -155,6 +155,7 @@ class Target(ABC):
         """Hash of everything the density depends on."""
 
 
+@names_checked
 class LogDensity(Target):
     """Any log density as a target.
 

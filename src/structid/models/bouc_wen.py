@@ -179,7 +179,7 @@ class BoucWen(TraceableModel):
             raise InputError("BoucWen.gamma", "neither gamma nor gamma_ratio is given", "exactly one of the two")
 
     def _check_values(self) -> None:
-        for name in ("mass", "stiffness", "exponent"):
+        for name in ("mass", "stiffness", "exponent", "amplitude"):
             value = getattr(self, name)
             if value is not None and name not in self.free and value <= 0.0:
                 raise InputError(f"BoucWen.{name}", f"{value:g}", "a positive number")
@@ -220,7 +220,7 @@ class BoucWen(TraceableModel):
         space : ParameterSpace
             The unknown parameters.
         """
-        check_priors(space, self.free)
+        check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and accelerations where the displacement is imposed.

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from structid.channels import ChannelUnit, standard_unit
-from structid.errors import InputError, suggestion
+from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.probability.space import Design, ParameterSpace
@@ -158,6 +158,7 @@ class Model(ABC):
         """
         return self
 
+    @names_checked
     def recording(self, *channels: str) -> Model:
         """Return this model with other channels.
 
@@ -184,6 +185,7 @@ class Model(ABC):
             f"what this {type(self).__name__} records: {', '.join(self.channels)}",
         )
 
+    @names_checked
     def simulate(
         self,
         design: Design | np.ndarray,

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
 from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.probability.space import ParameterSpace
-from structid.units import to_si
+from structid.units import check_power_of_length, factor_of
 
 PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "mass": (0.0, np.inf),
     "stiffness": (0.0, np.inf),
     "damping": (0.0, np.inf),
-    "damping_ratio": (0.0, np.inf),
+    "damping_ratio": (0.0, 1.0),
     "alpha": (0.0, 1.0),
+    "beta": (0.0, np.inf),
     "exponent": (0.0, np.inf),
+    "amplitude": (0.0, np.inf),
+    "delta_nu": (0.0, np.inf),
+    "delta_eta": (0.0, np.inf),
+    "zeta0": (0.0, 1.0),
+    "p": (0.0, np.inf),
+    "psi0": (0.0, np.inf),
+    "lambda_": (0.0, np.inf),
 }
 """In SI, ends included."""
 
@@ -50,8 +59,8 @@ def check_value(where: str, name: str, value: float) -> None:
         raise InputError(where, f"{value:g}", _range_in_words(low, high))
 
 
-def check_priors(space: ParameterSpace, free: Sequence[str]) -> None:
-    """Refuse priors in a unit of another dimension, and those of which a good part is not physical.
+def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:
+    """Refuse priors in a unit of another dimension, and those of which a good part is not physical. Warn where |γ| > β.
 
     Parameters
     ----------
@@ -59,6 +68,8 @@ def check_priors(space: ParameterSpace, free: Sequence[str]) -> None:
         The unknown parameters.
     free : sequence of str
         The model's free parameters.
+    model : object
+        What has the others as attributes.
 
     Raises
     ------
@@ -67,8 +78,10 @@ def check_priors(space: ParameterSpace, free: Sequence[str]) -> None:
     """
     for name in set(free) & set(space.names):
         unit, own = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
-        if own and _plain(name) not in ("beta", "gamma"):
-            to_si(f"1 {own}", unit, f"unit of the prior of '{name}'")
+        if own and _plain(name) in ("beta", "gamma"):
+            check_power_of_length(own, f"unit of the prior of '{name}'")
+        elif own:
+            factor_of(own, unit, f"unit of the prior of '{name}'")
     draws = space.sample(DRAWS, 0, "sobol")
     values = dict(zip(free, np.asarray(draws.columns(free)).T, strict=True))
     for name, value in values.items():
@@ -77,29 +90,78 @@ def check_priors(space: ParameterSpace, free: Sequence[str]) -> None:
         if outside > TOLERATED:
             raise InputError(
                 f"the prior of '{name}'",
-                f"one of which {outside:.0%} lies outside {_range_in_words(low, high)}",
+                f"{outside:.0%} of it lies outside {_range_in_words(low, high)}",
                 f"a prior within {_range_in_words(low, high)}",
                 "Bound it with low and high, and check its unit.",
             )
+    if asked := unstable_in_words(unstable_share(space, model)):
+        warnings.warn(asked, StructidWarning, stacklevel=2)
 
 
-def unstable_share(values: Mapping[str, np.ndarray]) -> float:
-    """Give the share of draws in which |γ| > β, where the response need not stay bounded.
+def unstable_share(space: ParameterSpace, model: object) -> float:
+    """Give the share of the prior in which |γ| > β, where the response need not stay bounded.
 
     Parameters
     ----------
-    values : mapping of str to ndarray, shape (run,)
-        Parameters of one spring in SI, those of ``beta``, ``gamma`` and ``gamma_ratio`` that are known.
+    space : ParameterSpace
+        The unknown parameters.
+    model : object
+        What has the others as attributes: numbers, or one for each storey.
 
     Returns
     -------
     float
-        From 0 to 1; 0 where γ and β are not both known.
+        From 0 to 1, of the spring in which it is largest; 0 where γ and β are not both known.
     """
-    if "gamma_ratio" in values:
-        return float(np.mean(np.abs(values["gamma_ratio"]) > 1.0))
-    if {"beta", "gamma"} <= set(values):
-        return float(np.mean(np.abs(values["gamma"]) > values["beta"]))
+    free = [name for name in space.all_names if _plain(name) in _SHAPES]
+    columns = np.asarray(space.sample(DRAWS, 0, "sobol").columns(free)).T if free else ()
+    values = _fixed_shapes(model) | dict(zip(free, columns, strict=True))
+    springs = {name.removeprefix(_plain(name)) for name in values}
+    return max((_unstable_share_of(spring, values) for spring in springs), default=0.0)
+
+
+def unstable_in_words(share: float) -> str:
+    """Ask about a share that is more than a tail.
+
+    Parameters
+    ----------
+    share : float
+        See `unstable_share`.
+
+    Returns
+    -------
+    str
+        Empty if there is nothing to ask.
+    """
+    if share <= TOLERATED:
+        return ""
+    return (
+        f"In {share:.0%} of the prior |gamma| exceeds beta, where the response need not stay bounded. Is that meant? "
+        "gamma_ratio from -1 to 1 keeps it bounded."
+    )
+
+
+_SHAPES = ("beta", "gamma", "gamma_ratio")
+
+
+def _fixed_shapes(model: object) -> dict[str, np.ndarray]:
+    """What of β, γ and γ/β is fixed, by name; numbered where the storeys have their own."""
+    found = {}
+    for name in _SHAPES:
+        value = getattr(model, name, None)
+        if isinstance(value, (int, float)):
+            found[name] = np.array([float(value)])
+        elif isinstance(value, tuple):
+            found |= {f"{name}_{j}": np.array([float(v)]) for j, v in enumerate(value, start=1)}
+    return found
+
+
+def _unstable_share_of(spring: str, values: Mapping[str, np.ndarray]) -> float:
+    beta, gamma, ratio = (values.get(f"{name}{spring}", values.get(name)) for name in _SHAPES)
+    if ratio is not None:
+        return float(np.mean(np.abs(ratio) > 1.0))
+    if beta is not None and gamma is not None:
+        return float(np.mean(np.abs(gamma) > beta))
     return 0.0
 
 

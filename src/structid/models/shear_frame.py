@@ -176,7 +176,7 @@ class ShearFrame(TraceableModel):
             return None
         given = [value] * self.storeys if np.ndim(value) == 0 else list(value)  # type: ignore[arg-type]
         values = tuple(finite_number(f"ShearFrame.{name}", v) for v in given)
-        if name in ("mass", "stiffness", "exponent") and min(values) <= 0.0:
+        if name in ("mass", "stiffness", "exponent", "amplitude") and min(values) <= 0.0:
             raise InputError(f"ShearFrame.{name}", f"{min(values):g}", "positive numbers")
         for value_of_storey in values:
             check_value(f"ShearFrame.{name}", name, value_of_storey)
@@ -252,7 +252,7 @@ class ShearFrame(TraceableModel):
         space : ParameterSpace
             The unknown parameters.
         """
-        check_priors(space, self.free)
+        check_priors(space, self.free, self)
 
     def check_excitation(self, excitation: Excitation) -> None:
         """Refuse several signals at once, and an imposed displacement.

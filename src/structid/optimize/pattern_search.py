@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
+from structid.errors import names_checked
 from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
@@ -32,6 +33,7 @@ class _Search:
     lengths: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
+@names_checked
 def pattern_search(
     objective: Objective,
     bounds: dict[str, tuple[float, float]] | None = None,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, suggestion
+from structid.errors import InputError, names_checked, suggestion
 from structid.journal import digest, function_identity
 from structid.notebook import ShownAsText
 from structid.probability import copula
@@ -74,6 +74,7 @@ class Design:
         """
         return np.asarray(self.space.columns(self.values, names))
 
+    @names_checked
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
         """Write the points in display units, one column for each parameter.
 
@@ -290,6 +291,7 @@ class ParameterSpace(ShownAsText):
         shape = theta.shape[:-1]
         return jnp.stack([jnp.broadcast_to(values[n], shape) for n in names], axis=-1) if names else theta[..., :0]
 
+    @names_checked
     def sample(self, count: int, seed: int, method: str = "latin_hypercube", widen: float = 1.0) -> Design:
         """Draw a design from the prior, or from a wider one.
 

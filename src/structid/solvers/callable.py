@@ -7,7 +7,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest, function_identity
 from structid.solvers.external import ExternalModel
@@ -17,6 +17,7 @@ SolverFunction = Callable[..., Any]
 """``f(parameters, record) -> histories``, or ``f(parameters, record, seed)``."""
 
 
+@names_checked
 class CallableModel(ExternalModel):
     """A Python function as a model.
 

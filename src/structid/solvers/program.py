@@ -19,7 +19,7 @@ import jinja2
 import numpy as np
 
 from structid.channels import declared_unit
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
 from structid.reasons import with_words
@@ -30,6 +30,7 @@ from structid.solvers.watchdog import LAST_WORDS
 from structid.units import factor
 
 
+@names_checked
 @dataclass(frozen=True)
 class OutputFile:
     """Where a program leaves its histories.
@@ -59,6 +60,7 @@ class OutputFile:
             declared_unit(channel, unit)
 
 
+@names_checked
 class ProgramModel(ExternalModel):
     """A program as a model: each run is done in a scratch folder of its own.
 

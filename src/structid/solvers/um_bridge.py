@@ -7,13 +7,15 @@ Here the first input vector holds the parameters in SI, and there is one output 
 from __future__ import annotations
 
 import functools
+import ipaddress
+import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
 from structid.models.face import Model
@@ -22,6 +24,7 @@ from structid.solvers.external import ExternalModel
 from structid.solvers.protocol import SolverError, Task
 
 
+@names_checked
 class UMBridgeModel(ExternalModel):
     """A model that a UM-Bridge server offers.
 
@@ -302,6 +305,50 @@ class ServedModel(Served):
         if record is None:
             return self.excitation
         return type(self.excitation)(record["values"], record["dt"], record.get("name", "request"))
+
+
+def check_address(host: str, port: int) -> None:
+    """Refuse an address at which this machine cannot listen.
+
+    Parameters
+    ----------
+    host : str
+        A name or number.
+    port : int
+        Its port.
+
+    Raises
+    ------
+    InputError
+        If it is nobody's, or taken.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((address[0], port, *address[2:]))
+    except (OSError, UnicodeError, OverflowError) as cause:
+        raise InputError(
+            "structid serve",
+            f"the address {host}:{port}, at which it cannot listen ({cause})",
+            "an address of this machine, such as 127.0.0.1, and a port from 1 to 65535 that nobody else uses",
+        ) from None
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether an address is reached from this machine only.
+
+    Parameters
+    ----------
+    host : str
+        A name or number.
+
+    Returns
+    -------
+    bool
+        True for ``"127.0.0.1"`` and ``"localhost"``.
+    """
+    return all(ipaddress.ip_address(found[4][0]).is_loopback for found in socket.getaddrinfo(host, None))
 
 
 def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.1") -> None:

@@ -13,7 +13,7 @@ from structid.errors import Status
 from structid.figures import response as figures
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.observation import Observation
-from structid.models.prior_checks import TOLERATED, unstable_share
+from structid.models.prior_checks import unstable_in_words, unstable_share
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import factor
@@ -104,7 +104,8 @@ def plausibility(study: BuiltStudy) -> Plausibility:
     space = study.space
     medians = Design(space.from_uniform(np.full((1, space.dimension), 0.5)), space)
     said: list[str] = []
-    questions = _stability(study)
+    unstable = unstable_in_words(unstable_share(space, study.model))
+    questions = [unstable] if unstable else []
     compared: list[tuple[_Pair, ...]] = []
     for observation in study.posterior.observations:
         run = study.model.simulate(study.model.parameters(medians), observation.record)
@@ -123,22 +124,6 @@ def plausibility(study: BuiltStudy) -> Plausibility:
             said.append(pair.sentence)
             questions += pair.questions
     return Plausibility(tuple(said), tuple(questions), tuple(compared))
-
-
-def _stability(study: BuiltStudy) -> list[str]:
-    """Whether |γ| may exceed β, by the prior."""
-    free = [name for name in ("beta", "gamma", "gamma_ratio") if name in study.space.all_names]
-    draws = study.space.sample(512, 0, "sobol").columns(free)
-    values = dict(zip(free, np.asarray(draws).T, strict=True))
-    if "gamma" in values and "beta" not in values and isinstance(beta := getattr(study.model, "beta", None), float):
-        values["beta"] = np.full(len(values["gamma"]), beta)
-    share = unstable_share(values)
-    if share <= TOLERATED:
-        return []
-    return [
-        f"In {share:.0%} of the prior |gamma| exceeds beta, where the response need not stay bounded. Is that meant? "
-        "gamma_ratio from -1 to 1 keeps it bounded."
-    ]
 
 
 @dataclass(frozen=True, eq=False)

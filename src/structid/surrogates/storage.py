@@ -11,8 +11,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError, undamaged
-from structid.journal import digest
+from structid.errors import InputError
+from structid.journal import digest, opened_hdf5
 from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import Fit
 from structid.surrogates.validation import Validation
@@ -114,11 +114,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
     where = str(path)
     if not Path(path).is_file():
         raise InputError(where, "no such file", "a file that Surrogate.save wrote")
-    try:
-        file = h5py.File(path, "r")
-    except OSError as cause:
-        raise InputError(where, "a file that is not HDF5", "a file that Surrogate.save wrote") from cause
-    with undamaged(where, "a surrogate"), file:
+    with opened_hdf5(path, "a surrogate") as file:
         if file.attrs.get("content") != CONTENT:
             raise InputError(where, "an HDF5 file of something else", "a file that Surrogate.save wrote")
         layout = int(file.attrs["schema"])

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from structid.device import over_runs
-from structid.errors import ConvergenceError, InputError
+from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
 from structid.inference.likelihood.discrepancy import Discrepancy
@@ -195,6 +195,7 @@ class Ranks:
         return ranks(self.names, self.histogram(self.bins), len(self.truth), *held, self._places, save=save)
 
 
+@names_checked
 def sbc(
     posterior: Posterior,
     replicas: int = 200,

@@ -13,7 +13,7 @@ import numpy as np
 
 from structid.channels import check_channels
 from structid.device import BATCH_SIZES, jnp
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
 from structid.inference.likelihood.discrepancy import ErrorLaw
@@ -29,6 +29,7 @@ from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 from structid.probability.space import ParameterSpace
 
 
+@names_checked
 class Posterior(Target):
     """π(θ | y) ∝ π(θ) L(y | θ) for one or several measured histories that share the model's parameters.
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.journal import Journal, compare_identity
+from structid.journal import Journal, compare_identity, digest, opened_hdf5
 
 SCHEMA = 5
 """Version of the layout inside the file, and of the moves that continue from it."""
@@ -41,20 +40,12 @@ class ChainStore:
     def _read_finished(self) -> list[dict[str, np.ndarray]]:
         if not self.path.exists():
             return []
-        import h5py
-
-        try:
-            with h5py.File(self.path, "r") as file:
-                found = json.loads(file.attrs["identity"])
-                arrays = {name: file[name][...] for name in file}
-        except (OSError, KeyError) as cause:
-            raise InputError(
-                f"store {self.path}",
-                "this file holds no chains of structid",
-                "a chain store, or no file",
-                "Name another store; this one is left as it is.",
-            ) from cause
-        compare_identity(self.path, found, self.identity)
+        with opened_hdf5(self.path, "draws of a sampler") as file:
+            said, arrays = file.attrs["identity"], {name: file[name][...] for name in file}
+            checksum = _checksum(said, arrays)
+            if file.attrs.get("checksum", checksum) != checksum:  # files of before have none
+                raise OSError("what it holds does not have its checksum")
+        compare_identity(self.path, json.loads(said), self.identity)
         ends = np.cumsum(arrays.pop("block_steps"))
         return [
             {name: array[start:end] for name, array in arrays.items()}
@@ -96,16 +87,17 @@ class ChainStore:
         if any(True for _ in self._journal):
             temporary = self.path.with_name(self.path.name + ".partial")
             with h5py.File(temporary, "w") as file:
+                arrays = {name: np.concatenate([b[name] for b in blocks]) for name in blocks[0]}
+                arrays["block_steps"] = np.array([len(next(iter(b.values()))) for b in blocks])
                 file.attrs["identity"] = json.dumps(self.identity, sort_keys=True)
-                file["block_steps"] = [len(next(iter(b.values()))) for b in blocks]
-                for name in blocks[0]:
-                    file.create_dataset(
-                        name,
-                        data=np.concatenate([b[name] for b in blocks]),
-                        compression="gzip",
-                        compression_opts=1,
-                    )
+                file.attrs["checksum"] = _checksum(file.attrs["identity"], arrays)
+                for name, array in arrays.items():
+                    file.create_dataset(name, data=array, compression="gzip", compression_opts=1)
             with temporary.open("rb+") as file:
                 os.fsync(file.fileno())
             temporary.replace(self.path)
         self._journal.path.unlink(missing_ok=True)
+
+
+def _checksum(identity: str, arrays: Mapping[str, np.ndarray]) -> str:
+    return digest(identity, *(part for name in sorted(arrays) for part in (name, arrays[name])))

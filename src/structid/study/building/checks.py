@@ -9,6 +9,7 @@ import numpy as np
 from structid.calibration.plan import Plan
 from structid.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
+from structid.inference.sample import check_memory
 from structid.optimize.region import region
 from structid.probability.space import Design
 from structid.study.building.built_study import BuiltStudy
@@ -62,6 +63,8 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
             "errors that are added to the response (iid, ar1, matern32, damped_cosine), or no [surrogate]",
             "A surrogate stands for the model with fixed parameters. A built-in model is sampled itself in seconds.",
         )
+    with within("table 'sampler'"):
+        check_memory(study.posterior, study.sampler)
     dimension = study.posterior.dimension
     if study.sampler.needs_derivatives:
         if not (study.has_surrogate or study.model.traceable):

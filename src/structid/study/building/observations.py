@@ -25,7 +25,7 @@ from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
 from structid.study.schema.study_file import StudyFile
-from structid.units import si_unit, to_si
+from structid.units import factor_of, si_unit, to_si
 
 
 def build_observation(
@@ -77,7 +77,7 @@ def build_observation(
         raise InputError(
             f"key '{where}.unit'", "it is missing", f"the unit of the numbers in the file, such as '{unit}'"
         )
-    to_si(f"1 {section.unit}", unit, f"key '{where}.unit'")
+    factor_of(section.unit, unit, f"key '{where}.unit'")
     if isinstance(section.time_shift, (float, str)):
         nuisances["time_shift"] = to_si(section.time_shift, "s", f"key '{where}.time_shift'")
     if section.sd is not None and section.sd_column is not None:

@@ -13,7 +13,7 @@ from structid.study.building.named_kind import kind_named
 from structid.study.kinds import model_list
 from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import StudyFile
-from structid.units import factor, to_si
+from structid.units import factor, factor_of, to_si
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "uniform": (marginals.Uniform, ("low", "high")),
@@ -48,7 +48,7 @@ def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal
     make, allowed = _FAMILIES[section.distribution]
     unit = (si_unit or "") if section.unit is None else section.unit
     if si_unit is not None:
-        to_si(f"1 {unit}", si_unit, f"key '{where}.unit'")
+        factor_of(unit, si_unit, f"key '{where}.unit'")
     values: dict[str, Any] = {}
     for name in (*_WITH_UNIT, *_PURE):
         value = getattr(section, name)

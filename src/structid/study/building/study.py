@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from structid.channels import standard_unit
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
 from structid.study.building.built_study import BuiltStudy
@@ -98,7 +99,9 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     if observations:
         measured = {c: unit for o in observations for c, unit in zip(o.channels, o.error_units, strict=True)}
         law = build_discrepancy(file, measured)
-        posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StructidWarning)  # what a prior warns of, `plausibility` asks
+            posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
     design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))

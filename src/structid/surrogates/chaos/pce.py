@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
@@ -30,6 +30,7 @@ METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
 """Methods that choose the terms and find their coefficients."""
 
 
+@names_checked
 @dataclass(frozen=True)
 class PCE:
     """Settings of a polynomial chaos expansion, f(θ) ≈ Σ_α c_α Ψ_α(θ) (thesis eq. 2.34).

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.models.face import Progress
 from structid.probability.space import Design
 from structid.streams import Purpose, stream
@@ -30,6 +30,7 @@ from structid.surrogates.progress import Steps
 from structid.surrogates.regression import check_training
 
 
+@names_checked
 @dataclass(frozen=True)
 class Kriging:
     """Settings of universal Kriging, f(θ) ≈ f(θ)ᵀβ + σ Z(θ) (thesis eq. 2.42, with σ for its σ²).

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.errors import InputError, Status
+from structid.errors import InputError, Status, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.space import Design, ParameterSpace
@@ -19,6 +19,7 @@ from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARXSettings
 
 
+@names_checked
 @dataclass(frozen=True)
 class NARX(NARXSettings):
     """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.

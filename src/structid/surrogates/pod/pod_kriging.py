@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.errors import names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.space import Design
@@ -22,6 +23,7 @@ from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
 
+@names_checked
 @dataclass(frozen=True)
 class PODKriging:
     """Settings: principal components of the histories, y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), each score a Kriging.

@@ -8,6 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
+from structid.errors import names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.space import Design
@@ -20,6 +21,7 @@ from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
 
+@names_checked
 @dataclass(frozen=True)
 class PODPCE:
     """Settings: principal components of the histories, each score a polynomial chaos expansion.
