@@ -89,3 +89,11 @@ def test_results_in_a_notebook_and_as_tables(short_posterior):
     for group in ("observed_data", "posterior_predictive"):
         assert tree[group]["y"].attrs["unit"] == "m/s" and tree[group].attrs["inference_library"] == "structid"
     assert "unit" not in tree["log_likelihood"]["y"].attrs
+    assert all(group.attrs["inference_library"] == "structid" for group in tree.subtree)
+    for group in ("prior", "posterior"):
+        assert tree[group]["stiffness"].attrs == {"unit": "N/m", "display_unit": "kN/mm"}
+    assert tree["constant_data"]["excitation"].attrs["unit"] == "m/s**2"
+    assert tree["posterior"].sizes == {"chain": 2, "draw": 200}  # particles of an ensemble, one after the other
+    first = result.kept[:, 0, 0, 0]  # the moves of one particle
+    np.testing.assert_array_equal(tree["posterior"]["stiffness"].values[0, : len(first)], first)
+    assert str(result).startswith(str(result.verdict())) and str(result.summary()) in str(result)

@@ -80,15 +80,24 @@ def si_unit(unit: str) -> str:
     Returns
     -------
     str
-        In base units, such as ``"m"``; empty for a pure number.
+        In the words of the unit, such as ``"N/m"`` for kN/mm; empty for a pure number.
 
     Raises
     ------
     InputError
         If the unit is unknown.
     """
-    quantity = _si_quantity(unit)
-    return "" if quantity.dimensionless else f"{quantity.units:~C}"
+    if _si_quantity(unit).dimensionless:
+        return ""
+    registry, text = _registry(), _clean(unit)
+    given = registry.Quantity(1.0, text) if not text[0].isdigit() else registry.Quantity(text)
+    coherent = registry.Quantity(1.0)
+    for name, power in given.unit_items():
+        # kilonewton is newton, millimetre metre, and what is no SI unit without its prefix becomes base units: t is kg.
+        plain = registry.Quantity(1.0, registry.parse_unit_name(name)[0][1])
+        whole = abs(plain.to_base_units().magnitude - 1.0) < 1e-12
+        coherent = coherent * registry.Quantity(1.0, (plain if whole else plain.to_base_units()).units) ** power
+    return f"{coherent.units:~C}"
 
 
 def same_dimension(unit: str, other: str) -> bool:
@@ -152,10 +161,10 @@ def to_si(value: float | str, unit: str, where: str = "value") -> float:
             f"one number and its unit, such as '12000 {unit}'".rstrip(" '") + "'",
             "Write thousands without spaces and commas, and decimals with a point.",
         )
-    return number * factor_of(own, unit, where)
+    return number * factor_of(own, unit, where, value)
 
 
-def factor_of(unit: str, like: str, where: str) -> float:
+def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
     """SI value of one `unit`, which must measure the same as another.
 
     Parameters
@@ -166,6 +175,8 @@ def factor_of(unit: str, like: str, where: str) -> float:
         One of the dimension that is wanted; empty for a pure number.
     where : str
         The key or argument, for the message.
+    came : str
+        The text that has the unit, if not the unit alone came.
 
     Returns
     -------
@@ -178,11 +189,9 @@ def factor_of(unit: str, like: str, where: str) -> float:
         If it is unknown, or has another dimension.
     """
     if not same_dimension(unit, like):
+        said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
         raise InputError(
-            where,
-            f"the unit '{unit}'",
-            f"a unit that measures the same as '{like or 'a pure number'}'",
-            "Correct the unit.",
+            where, said, f"a unit that measures the same as '{like or 'a pure number'}'", "Correct the unit."
         )
     return factor(unit)
 

@@ -56,7 +56,7 @@ def test_of_true_runs(tmp_path):
 
 def test_a_text_file_holds_no_runs(tmp_path):
     (tmp_path / "runs.h5").write_text("run,value\n1,2\n")
-    with pytest.raises(InputError, match="runs.h5: it is no HDF5 file"):
+    with pytest.raises(InputError, match=r"runs.h5: it is no HDF5 file"):
         si.open_runs(tmp_path / "runs.h5")
 
 

@@ -202,7 +202,7 @@ def test_what_is_no_surrogate_is_not_read(tmp_path):
     with pytest.raises(InputError, match="no such file"):
         load_surrogate(tmp_path / "none.h5")
     (tmp_path / "text.h5").write_text("hello")
-    with pytest.raises(InputError, match="not HDF5"):
+    with pytest.raises(InputError, match="no HDF5 file"):
         load_surrogate(tmp_path / "text.h5")
 
 

@@ -105,6 +105,7 @@ def benchmark(record, **truth):
     return si.Posterior(space, model, si.Observation(record, velocity)).misfit
 
 
+@pytest.mark.filterwarnings("ignore:In .* of the prior .gamma. exceeds beta")  # the constraints see to it
 @pytest.mark.parametrize(("which", "starts"), [("short_record", 4), pytest.param("record", 20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("search", METHODS)
 def test_every_start_finds_the_truth(search, which, starts, request):

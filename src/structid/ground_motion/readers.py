@@ -129,7 +129,7 @@ def read_columns(
         If the file is empty, a value is not a number, or the step of the time column is not constant.
     """
     table, numbers, titles = _table(path)
-    wanted = [_column(path, table, numbers, dt) if column is None else column, *others]
+    wanted = [_column(path, table, numbers, dt, len(others)) if column is None else column, *others]
     for index in wanted:
         if not 0 <= index < table.shape[1]:
             raise InputError(
@@ -147,15 +147,15 @@ def read_columns(
     return Columns(start, step, table[:, wanted] * by)
 
 
-def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int], dt: float | None) -> int:
+def _column(path: str | os.PathLike[str], table: np.ndarray, numbers: list[int], dt: float | None, others: int) -> int:
     """The column of the values, where only one can be meant."""
     columns, where = table.shape[1], f"{path}, line {numbers[0]}"
     wrapped = "Where the record goes on from line to line, write it with one value a line, and give dt."
-    if dt is not None and columns > 1:
+    if dt is not None and columns > 1 + others:
         allowed = f"column=0 to {columns - 1}, or one value a line"
         cure = f"{wrapped} A time column needs no dt."
         raise InputError(where, f"{columns} values a line, a time step, and no column named", allowed, cure)
-    if columns > 2:
+    if columns > 2 + others:
         allowed = f"column=1 to {columns - 1}, the time being column 0"
         raise InputError(where, f"{columns} values a line, and no column named", allowed, wrapped)
     return 0 if dt is not None else 1

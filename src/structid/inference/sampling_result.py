@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import os
 import warnings
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ import numpy as np
 
 from structid.errors import InputError, StructidWarning, names_checked
 from structid.inference.assessment import prediction as predictive
-from structid.inference.assessment.arviz_groups import groups_of_draws, groups_of_measurement
+from structid.inference.assessment.arviz_groups import LIBRARY, groups_of_draws, groups_of_measurement
 from structid.inference.assessment.diagnostics import parameter_diagnostics, stuck_walkers
 from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
@@ -27,6 +26,7 @@ from structid.inference.assessment.verdict import Verdict, convergence_failures,
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Cost, Evidence, Sampler
 from structid.inference.target import Target
+from structid.notebook import ShownAsText
 
 if TYPE_CHECKING:
     import xarray
@@ -38,8 +38,8 @@ STORED_DRAWS = 300
 
 
 @dataclass(frozen=True, eq=False)
-class SamplingResult:
-    """Draws of a target and what can be said about them.
+class SamplingResult(ShownAsText):
+    """Draws of a target and what can be said about them. ``print`` it for the verdict and the table of the parameters.
 
     Parameters
     ----------
@@ -87,6 +87,9 @@ class SamplingResult:
     divergent: int = 0
     certified: bool | None = None
     beside: np.ndarray | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        return f"{self.verdict()}\n{self.summary()}"
 
     # --- draws --------------------------------------------------------------------------------------------------
 
@@ -383,14 +386,16 @@ class SamplingResult:
         """
         import xarray
 
-        chains = self.draws
+        # A walker is a chain. Particles are too many, and move for too few steps: those of an ensemble, one after the other.
+        ensembles, pooled = self.sampler.ensembles, not self.sampler.starts_elsewhere
+        count = ensembles if pooled else ensembles * self.sampler.walkers
 
         def by_chain(array: np.ndarray) -> np.ndarray:
-            return array[self.discarded :].transpose(1, 2, 0).reshape(len(chains), -1)
+            return array[self.discarded :].transpose(1, 2, 0).reshape(count, -1)
 
         groups = groups_of_draws(
-            chains,
-            np.repeat(np.arange(self.sampler.ensembles), self.sampler.walkers),
+            np.stack([by_chain(column) for column in np.moveaxis(self.history, -1, 0)], axis=-1),
+            np.repeat(np.arange(ensembles), count // ensembles),
             {"lp": by_chain(self.log_density), "accepted": by_chain(self.accepted)},
             self.target.units,
         )
@@ -398,8 +403,7 @@ class SamplingResult:
             groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
-            "inference_library": "structid",
-            "inference_library_version": importlib.metadata.version("structid"),
+            **LIBRARY,
             "sampler": repr(self.sampler),
             "seed": self.seed,
             "sampling_time": self.seconds,

@@ -159,7 +159,7 @@ def written(path, start, dt=RECORD.dt, before=0, more=50, shift=0.0):
 def test_a_clock_that_starts_elsewhere(tmp_path):
     expected = written(tmp_path / "a.txt", start=5.0)
     with pytest.raises(InputError, match="time_shift = 5"):
-        si.Observation.read(RECORD, tmp_path / "a.txt", "m/s")
+        si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1)
     found = si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", time_shift=5.0, sd_column=2)
     np.testing.assert_allclose(found.values[:, 0], expected, atol=1e-8)
     np.testing.assert_allclose(found.sd, 0.1)
@@ -167,7 +167,7 @@ def test_a_clock_that_starts_elsewhere(tmp_path):
 
 def test_a_logger_that_began_before_the_record_between_two_samples(tmp_path):
     expected = written(tmp_path / "a.txt", start=0.37, before=37, shift=0.004)
-    found = si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", time_shift=0.374)
+    found = si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1, time_shift=0.374)
     # Cubic splines: 5/384 (ω dt)⁴ and less.
     np.testing.assert_allclose(found.values[:, 0], expected, atol=1e-6)
 
@@ -175,7 +175,7 @@ def test_a_logger_that_began_before_the_record_between_two_samples(tmp_path):
 def test_a_logger_that_began_too_late_is_refused(tmp_path):
     written(tmp_path / "a.txt", start=0.5)
     with pytest.raises(InputError, match=r"covers the record.*sign"):
-        si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", time_shift=0.2)
+        si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1, time_shift=0.2)
 
 
 def test_a_number_is_no_prior_of_a_nuisance():
@@ -188,7 +188,7 @@ def test_a_study_says_it(tmp_path):
     written(tmp_path / "a.txt", start=5.0)
     begin, end = SMALL.index("[observation]"), SMALL.index("[discrepancy]") if "[discrepancy]" in SMALL else None
     rest = SMALL[end:] if end else SMALL[SMALL.index("[sampler]") :]
-    table = '[observation]\nfile = "a.txt"\nunit = "m/s"\ntime_shift = "5 s"\n'
+    table = '[observation]\nfile = "a.txt"\nunit = "m/s"\ncolumn = 1\ntime_shift = "5 s"\n'
     for known, sd in (('sd = "5 mm/s"', 0.005), ("sd_column = 2", 0.1)):
         (tmp_path / "study.toml").write_text(SMALL[:begin] + table + known + "\n" + rest)
         (observation,) = load(tmp_path / "study.toml").posterior.observations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,6 +10,16 @@ import numpy as np
 
 from structid.inference.likelihood.posterior import Posterior
 from structid.streams import Purpose, derived_seed, stream
+from structid.units import si_unit
+
+LIBRARY = {
+    "inference_library": "structid",
+    "inference_library_version": importlib.metadata.version("structid"),
+    "creation_library": "structid",
+}
+"""Attributes of every group, as the schema has them."""
+EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m"}
+"""SI unit of what drives a model, by its kind; of several at once each signal has its own."""
 
 
 def groups_of_draws(
@@ -40,13 +51,18 @@ def groups_of_draws(
         "draw": np.arange(draws.shape[1]),
         "ensemble": ("chain", ensemble),
     }
-    posterior = {
-        name: (dims, draws[:, :, i], {"unit": "SI", "display_unit": unit})
-        for i, (name, unit) in enumerate(units.items())
-    }
+    plain = {name: (dims, v) for name, v in statistics.items()}
     return {
-        "posterior": xarray.Dataset(posterior, coords=coordinates),
-        "sample_stats": xarray.Dataset({name: (dims, v) for name, v in statistics.items()}, coords=coordinates),
+        "posterior": xarray.Dataset(_with_units(draws, units), coords=coordinates, attrs=LIBRARY),
+        "sample_stats": xarray.Dataset(plain, coords=coordinates, attrs=LIBRARY),
+    }
+
+
+def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
+    """Variables of draws (chain, draw, parameter) in SI, each with its SI unit and the one in which it was declared."""
+    return {
+        name: (("chain", "draw"), draws[:, :, i], {"unit": si_unit(unit), "display_unit": unit})
+        for i, (name, unit) in enumerate(units.items())
     }
 
 
@@ -74,9 +90,7 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
     prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values
     draws = {"chain": [0], "draw": np.arange(len(theta))}
     groups: dict[str, Any] = {
-        "prior": xarray.Dataset(
-            {n: (("chain", "draw"), prior[None, :, i]) for i, n in enumerate(posterior.names)}, coords=draws
-        )
+        "prior": xarray.Dataset(_with_units(prior[None], posterior.units), coords=draws, attrs=LIBRARY)
     }
     parts: dict[str, dict[str, Any]] = {}
     for index, observation in enumerate(posterior.observations):
@@ -121,7 +135,7 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
     for group, variables in parts.items():
         if group != "log_likelihood":
             _declare_units(variables, posterior)
-    attributes = {"inference_library": "structid", "excitation": [o.record.name for o in posterior.observations]}
+    attributes = {**LIBRARY, "excitation": [o.record.name for o in posterior.observations]}
     return groups | {group: xarray.Dataset(variables, attrs=attributes) for group, variables in parts.items()}
 
 
@@ -129,7 +143,8 @@ def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
     """Put the SI unit into every variable: of its channels, or of what drove them."""
     for index, observation in enumerate(posterior.observations):
         suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
-        for name, unit in ((f"y{suffix}", ", ".join(observation.si_units)), (f"excitation{suffix}", "SI")):
+        driven = ", ".join(EXCITATION_UNITS.get(kind, "SI") for kind in observation.record.kind.split("+"))
+        for name, unit in ((f"y{suffix}", ", ".join(observation.si_units)), (f"excitation{suffix}", driven)):
             if name in variables:
                 variables[name].attrs["unit"] = unit
 

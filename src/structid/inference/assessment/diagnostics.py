@@ -149,9 +149,12 @@ def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
     tuple of float
         Bulk and tail ESS (Vehtari et al. 2021, doi 10.1214/20-BA1221).
     """
-    low, high = np.quantile(draws, [0.05, 0.95])
-    tails = [effective_sample_size((draws <= q).astype(np.float64)) for q in (low, high)]
-    return effective_sample_size(normal_scores(draws)), min(tails)
+    return effective_sample_size(normal_scores(draws)), _size_beyond(draws, 0.05)
+
+
+def _size_beyond(draws: np.ndarray, share: float) -> float:
+    """The smaller effective sample size of the two tails that hold a share of the draws each."""
+    return min(effective_sample_size((draws <= q).astype(np.float64)) for q in np.quantile(draws, [share, 1.0 - share]))
 
 
 def r_hat(draws: np.ndarray) -> float:
@@ -235,14 +238,15 @@ class ParameterDiagnostics:
 
     Parameters
     ----------
-    r_hat, autocorrelation_time, bulk_size, tail_size : float
-        R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS.
+    r_hat, autocorrelation_time, bulk_size, tail_size, far_tail_size : float
+        R-hat over ensembles, τ in steps (`longest_time`), bulk and tail ESS, and that of the 1 and 99 % quantiles.
     """
 
     r_hat: float
     autocorrelation_time: float
     bulk_size: float
     tail_size: float
+    far_tail_size: float
 
 
 def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
@@ -259,4 +263,4 @@ def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
         The figures.
     """
     bulk, tail = bulk_and_tail_size(draws)
-    return ParameterDiagnostics(r_hat(draws), longest_time(draws), bulk, tail)
+    return ParameterDiagnostics(r_hat(draws), longest_time(draws), bulk, tail, _size_beyond(draws, 0.01))

@@ -16,6 +16,8 @@ EFFECTIVE_SIZE_LIMIT = 400
 """Smallest bulk and tail effective sample size of a converged run."""
 TAILS = (0.01, 0.99)
 """Quantiles beyond which draws are compared with an independent population."""
+SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
+"""What a sentence adds to a size."""
 ERRORS_APART = 5.0
 """Standard errors by which they may differ: the largest of some dozens of comparisons."""
 
@@ -114,12 +116,12 @@ def convergence_failures(
             f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.2g} autocorrelation times of {name} "
             f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
         )
-    for kind in ("bulk", "tail"):
-        sizes = {n: getattr(p, f"{kind}_size") for n, p in parameters.items()}
+    for kind in ("bulk", "tail", "far tail"):
+        sizes = {n: getattr(p, f"{kind.replace(' ', '_')}_size") for n, p in parameters.items()}
         name = min(sizes, key=lambda n: np.nan_to_num(sizes[n], nan=-np.inf))
         if not sizes[name] >= EFFECTIVE_SIZE_LIMIT:
             failures.append(
-                f"{kind} effective sample size of {name} is {sizes[name]:.0f}, below {EFFECTIVE_SIZE_LIMIT}"
+                f"{kind} effective sample size of {name} is {sizes[name]:.0f}, below {EFFECTIVE_SIZE_LIMIT}{SAYS_WHICH[kind]}"
             )
     if stuck:
         failures.append(f"{stuck} stuck walker{'s' if stuck > 1 else ''}: they never joined the others")

@@ -22,7 +22,7 @@ NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""
 
 
-ROUNDED = 1e-3
+ROUNDED = 5e-4
 """Of the peak: measurements that differ by less are one and the same."""
 
 
