@@ -80,7 +80,7 @@ class Round:
         told += (
             f"{self.effective_sample_size:.0f} of {self.fresh} fresh draws effective, spread of log w {self.spread:.2g}"
         )
-        return told + (f": {self.certificate.verdict}" if self.certificate is not None else "")
+        return told + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
 @dataclass(frozen=True, eq=False)

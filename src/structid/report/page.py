@@ -109,7 +109,7 @@ def write_report(
         parameters=material.posterior.names,
         exp=np.exp,
         main=posterior_table(material),
-        sections=_shown(drawn, material, folder),
+        sections=_shown(drawn, material, folder, material.result.verdict().converged),
         settings=material.settings,
         run=run_table(material, timings),
     )
@@ -157,7 +157,7 @@ def _write(name: str, folder: Path, **content: Any) -> Path:
     return folder / PAGE
 
 
-def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path) -> list[dict[str, Any]]:
+def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path, converged: bool = True) -> list[dict[str, Any]]:
     """Sections that have something to show, as a template takes them."""
     shown = []
     for each in drawn:
@@ -173,7 +173,7 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path) -> list[d
                 "words": words,
                 "tables": tables,
                 "pictures": pictures,
-                "under_doubt": section.under_doubt,
+                "under_doubt": section.under_doubt if converged or section.of_draws else "",
             }
         )
     return shown

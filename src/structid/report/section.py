@@ -89,6 +89,8 @@ class Section(Generic[M]):
         Its paragraphs, before the tables.
     under_doubt : str
         What the reader must know here where model or law are wrong for the data; empty for a section that this does not concern.
+    of_draws : bool
+        Whether it shows draws, which are worth nothing where the sampler has not converged.
     """
 
     key: str
@@ -97,3 +99,4 @@ class Section(Generic[M]):
     tables: Callable[[M], Sequence[Table]]
     words: Callable[[M], Sequence[str]] = nothing
     under_doubt: str = ""
+    of_draws: bool = True

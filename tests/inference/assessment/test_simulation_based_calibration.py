@@ -120,6 +120,9 @@ def test_verdicts_of_made_up_ranks():
     assert "too narrow" in ranks(0.0, 0.3).verdict
     assert "too wide" in ranks(0.0, 4.0).verdict
     assert not ranks(1.0, 1.0).uniform
+    # Half again as wide, which is little seen in the intervals of 50 %.
+    assert "too wide" in ranks(0.0, 1.5).verdict
+    assert "too large" in ranks(0.7, 1.0).verdict and "too small" in ranks(-0.7, 1.0).verdict
     np.testing.assert_array_equal(ranks(0.0, 1.0).histogram(10).sum(axis=1), [200])
 
 

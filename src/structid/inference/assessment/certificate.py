@@ -137,6 +137,14 @@ class Certificate(ShownAsText):
         return self.verdict != "not to be trusted"
 
     @property
+    def agreement(self) -> str:
+        """What it says of surrogate and model, whatever the draws are worth."""
+        return {
+            "certified": "surrogate and model agree",
+            "usable with re-weighting": "they agree after re-weighting",
+        }.get(self.verdict, "they do not agree")
+
+    @property
     def largest_shift(self) -> float:
         """Largest shift of a mean by re-weighting, in standard deviations."""
         return float(np.abs(self.shift).max())

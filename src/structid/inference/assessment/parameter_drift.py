@@ -101,7 +101,8 @@ class ParameterDrift:
             if shares[place] < min(TOLD * DRIFT_MEDIAN, shares.max()):
                 continue
             unit, size = marginal.unit, float(self.sd[place])
-            share = f" ({size / abs(mean[place]):.1%} of its mean)" if mean[place] else ""
+            # Of a mean near zero, a share says nothing.
+            share = f" ({size / abs(mean[place]):.1%} of its mean)" if abs(mean[place]) > size else ""
             parts.append(f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}{share}")
         return (
             f"The parameters drift while the structure moves: {', '.join(parts)}. What is shown are their means over the measured "

@@ -8,28 +8,20 @@ arXiv 1804.06788), and an interval of 90 % holds it in nine replicas of ten.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
 
-from structid.device import over_runs
 from structid.errors import ConvergenceError, InputError, names_checked
-from structid.inference.likelihood.batches import in_batches
-from structid.inference.likelihood.bound import Measured
+from structid.inference.assessment.replicated_posterior import ReplicatedPosterior
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Block
 from structid.inference.sampling.tempered import SMC
-from structid.inference.target import Target
-from structid.journal import digest
-from structid.mechanics.lanes.in_lanes import InLanes
-from structid.mechanics.lanes.signals import Signals
-from structid.models.face import LARGEST_BATCH, Model, Progress
-from structid.models.traceable import TracedExcitation
+from structid.models.face import Model, Progress
 from structid.streams import Purpose, stream
 from structid.units import label
 
@@ -38,6 +30,8 @@ if TYPE_CHECKING:
 
 EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
 """A population for each replica; the replicas are tempered side by side."""
+TELLING = 2.5
+"""Standard errors by which ranks must be off to be called shifted, too wide or too narrow."""
 LEVEL = 0.01
 """Probability that correct ranks are called wrong."""
 LOG_LIKELIHOOD = "log-likelihood"
@@ -160,11 +154,10 @@ class Ranks:
                 f"NOT CALIBRATED: the log-likelihood of the truth does not lie among those of the draws as it should, in {count} "
                 f"replicas (p = {p:.1g}): the posteriors do not use the data as their likelihood says."
             )
-        # Too sure: the truth is often outside of all draws; too careful: it is hardly ever.
         half = self.coverage(0.5)[worst]
-        how = "too narrow" if half < 0.42 else "too wide" if half > 0.58 else "shifted or of another shape"
         return (
-            f"NOT CALIBRATED: the posteriors of {name} are {how} in {count} replicas (p = {p:.1g}). Intervals of 50 % hold the "
+            f"NOT CALIBRATED: the posteriors of {name} are {_how_wrong(self._places[:, worst])} in {count} replicas "
+            f"(p = {p:.1g}). Intervals of 50 % hold the "
             f"truth in {half:.0%}, of 90 % in {self.coverage(0.9)[worst]:.0%}."
         )
 
@@ -193,6 +186,20 @@ class Ranks:
 
         held = self.coverage(0.5), self.coverage(0.9)
         return ranks(self.names, self.histogram(self.bins), len(self.truth), *held, self._places, save=save)
+
+
+def _how_wrong(places: np.ndarray) -> str:
+    """What ranks of the truth, from 0 to 1, say of the posteriors.
+
+    Their mean should be 1/2 ± √(1/12n), their variance 1/12 ± √(1/180n).
+    """
+    beside = (np.mean(places) - 0.5) * np.sqrt(12.0 * len(places))
+    spread = (np.mean((places - 0.5) ** 2) - 1.0 / 12.0) * np.sqrt(180.0 * len(places))
+    if max(abs(beside), abs(spread)) < TELLING:
+        return "of another shape than they should be"
+    if abs(beside) > abs(spread):
+        return "shifted to values that are too small" if beside > 0.0 else "shifted to values that are too large"
+    return "too narrow" if spread > 0.0 else "too wide"
 
 
 @names_checked
@@ -293,156 +300,3 @@ def _simulated(
         sd = 1.0 if observation.sd is None else observation.sd
         values[index] = values[index] + sd * law.draw(rng, shape, unknown, observation.channels, dt)
     return truth, values
-
-
-class ReplicatedPosterior(Target):
-    """The posteriors of many measurements side by side: points come replica by replica, equally many for each.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Prior, model and law that all share.
-    values : sequence of ndarray, shape (replica, time, channel)
-        What each observation shows in every replica.
-    """
-
-    def __init__(self, posterior: Posterior, values: Sequence[np.ndarray]) -> None:
-        self.names, self.bijection = posterior.names, posterior.bijection
-        self._posterior = posterior
-        self._values = [np.ascontiguousarray(v.transpose(1, 2, 0)) for v in values]
-        self._count = len(values[0])
-        self._kept_signals: tuple[int, list[tuple[slice, Signals]]] | None = None
-
-    @property
-    def knows_prior(self) -> bool:
-        """Always."""
-        return True
-
-    @cached_property
-    def _measured(self) -> tuple[Measured, ...]:
-        """What the likelihood takes from each observation in all replicas."""
-        bounds = self._posterior.likelihood.of
-        return tuple(bound.measured_as(values) for bound, values in zip(bounds, self._values, strict=True))
-
-    @cached_property
-    def _compiled(self) -> Callable[..., Any]:
-        def parts(phi_and_replica: Any, data: tuple[Measured, ...]) -> tuple[Any, Any, Any]:
-            phi, replica = phi_and_replica[:, :-1], phi_and_replica[:, -1].astype(int)
-            own = tuple(measured.for_runs(replica) for measured in data)
-            return self._posterior.parts_in_coordinates(phi, own)
-
-        return over_runs(parts, shard=self._posterior.likelihood.loops_over_time)
-
-    @cached_property
-    def _in_lanes(self) -> Callable[..., Any] | None:
-        """The density in compiled lanes, the measurements of a run its signals; None where that cannot be.
-
-        A shorter way to the likelihood than a loop over time takes the measurements in another form.
-        """
-        posterior = self._posterior
-        if not (posterior.model.traceable and posterior.likelihood.loops_over_time and len(self._values) == 1):
-            return None
-        (measured,) = self._measured
-        if measured.shortcut is not None:
-            return None
-
-        def parts(phi: Any, signals: Any, excitation: TracedExcitation) -> tuple[Any, Any, Any]:
-            return posterior.parts_in_coordinates(phi, (Measured(excitation, signals, None),))
-
-        return InLanes(parts).compiled(posterior.dimension, (measured.excitation,), measured.values.shape[:2])
-
-    def _replicas(self, runs: int) -> np.ndarray:
-        """Replica of each of so many runs."""
-        return np.repeat(np.arange(self._count), runs // self._count)
-
-    def _signals(self, runs: int) -> list[tuple[slice, Signals]]:
-        """Batches of so many runs, replica by replica, and what each of these measured. Those of one number of runs are kept."""
-        if self._kept_signals is None or self._kept_signals[0] != runs:
-            own = self._measured[0].values.transpose(2, 0, 1)
-            batches = [slice(start, start + LARGEST_BATCH) for start in range(0, runs, LARGEST_BATCH)]
-            replica = self._replicas(runs)
-            self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]
-        return self._kept_signals[1]
-
-    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Log prior and log-likelihood; see `Target.evaluate_parts`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates, replica by replica.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log prior with respect to φ, log-likelihood, and where a simulation failed.
-        """
-        lanes = self._in_lanes
-        if lanes is not None:
-            parts = [lanes(phi[runs], signals) for runs, signals in self._signals(len(phi))]
-            prior, likelihood, failed = (np.concatenate(column) for column in zip(*parts, strict=True))
-            return prior, likelihood, failed
-        replica = self._replicas(len(phi))
-        if self._posterior.model.traceable:
-            rows = np.concatenate([phi, replica[:, None]], axis=1)
-            prior, likelihood, failed = in_batches(self._compiled, rows, self._measured)
-            return prior, likelihood, failed
-        theta, jacobian = self.bijection(phi)
-        prior = self._posterior.space.log_density(theta)
-        own = [values[:, :, replica] for values in self._values]
-        likelihood, failed = self._posterior.likelihood.on_host(theta, np.isfinite(prior), own)
-        return prior + jacobian, likelihood, failed
-
-    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Log density; see `Target.evaluate`.
-
-        Parameters
-        ----------
-        phi : ndarray, shape (run, parameter)
-            Unconstrained coordinates, replica by replica.
-
-        Returns
-        -------
-        tuple of ndarray, shape (run,)
-            Log density, and where a simulation failed.
-        """
-        prior, likelihood, failed = self.evaluate_parts(phi)
-        return prior + likelihood, failed
-
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
-        """Log density with respect to the parameters; see `Target.log_density`.
-
-        Parameters
-        ----------
-        theta : ndarray, shape (run, parameter)
-            In SI, replica by replica.
-
-        Returns
-        -------
-        ndarray, shape (run,)
-            −inf outside the support and where a simulation failed.
-        """
-        phi = self.bijection.inverse(theta)
-        return np.asarray(self.evaluate(phi)[0] - self.bijection(phi)[1])
-
-    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw from the prior; see `Target.initial`.
-
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
-        return self._posterior.initial(count, rng)
-
-    @property
-    def content_hash(self) -> str:
-        """Hash of the posterior and the measurements."""
-        return digest(self._posterior.content_hash, *self._values)

@@ -112,8 +112,9 @@ def convergence_failures(
             failures.append(f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree")
     name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
     if not kept_steps >= needed_length * slowest.autocorrelation_time:
+        times = f"{kept_steps / slowest.autocorrelation_time:.2g}"
         failures.append(
-            f"{kept_steps} kept steps are {kept_steps / slowest.autocorrelation_time:.2g} autocorrelation times of {name} "
+            f"{kept_steps} kept steps are {times} autocorrelation time{'' if times == '1' else 's'} of {name} "
             f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
         )
     for kind in ("bulk", "tail", "far tail"):

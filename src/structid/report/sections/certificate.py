@@ -16,7 +16,14 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     if material.calibration is None:
         return []
     certificate = material.calibration.certificate
-    heads = ["round", "training runs", "surrogate's error, all runs", "effective", "spread of log w", "certificate"]
+    heads = [
+        "round",
+        "training runs",
+        "surrogate's error, all runs",
+        "effective",
+        "spread of log w",
+        "by a certificate",
+    ]
     shifts = [
         [pretty(name), f"{shift:+.3f} ± {error:.3f}"]
         for name, shift, error in zip(certificate.names, certificate.shift, certificate.shift_error, strict=True)
@@ -48,7 +55,7 @@ def _asked(certificate: Certificate) -> list[list[str]]:
 
 
 def _round(r: Round) -> list[str]:
-    verdict = "" if r.certificate is None else r.certificate.verdict
+    verdict = "" if r.certificate is None else r.certificate.agreement
     effective = f"{r.effective_sample_size:.0f} of {r.fresh}"
     return [str(r.number + 1), str(r.training), f"{r.error:.1e}", effective, f"{r.spread:.2g}", verdict]
 

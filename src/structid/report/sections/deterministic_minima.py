@@ -85,4 +85,6 @@ def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
     return Picture("identified", "Deterministic calibration: loops and histories.")
 
 
-SECTION = Section("deterministic", "Deterministic calibration beside it", _drawings, _tables, under_doubt=NEAREST)
+SECTION = Section(
+    "deterministic", "Deterministic calibration beside it", _drawings, _tables, under_doubt=NEAREST, of_draws=False
+)

@@ -83,7 +83,36 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
             *most, last = (f"'{word}'" for word in words)
             return f"key '{key}.type': it is missing. Allowed: {', '.join(most)} or {last}."
         case _:
-            return f"key '{key}': {error['input']!r}. {error['msg']}."
+            allowed = _allowed(error)
+            return f"key '{key}': {error['input']!r}. {f'Allowed: {allowed}' if allowed else error['msg']}."
+
+
+KINDS_OF_VALUE = {
+    **dict.fromkeys(("float_type", "float_parsing"), "a number"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "a whole number"),
+    **dict.fromkeys(("bool_type", "bool_parsing"), "true or false"),
+    **dict.fromkeys(("list_type", "tuple_type"), "a list in brackets, [ ]"),
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type", "dataclass_type"), "a table"),
+    "string_type": "a text in quotes",
+    "finite_number": "a finite number",
+}
+"""What may stand where something else came, by pydantic's name of the mistake."""
+LIMITS = {"gt": "more than", "ge": "at least", "lt": "less than", "le": "at most"}
+"""Pydantic's names of limits."""
+
+
+def _allowed(error: Any) -> str:
+    """What may stand there, in words; empty for a mistake whose own message is the clearest."""
+    context, kind = error.get("ctx", {}), error["type"]
+    if kind in ("too_short", "too_long"):
+        limit = context.get("min_length", context.get("max_length"))
+        return f"{'at least' if kind == 'too_short' else 'at most'} {limit} value{'' if limit == 1 else 's'}"
+    for name, words in LIMITS.items():
+        if name in context:
+            return (
+                f"{words} {context[name]:g}" if isinstance(context[name], (int, float)) else f"{words} {context[name]}"
+            )
+    return KINDS_OF_VALUE.get(kind, "")
 
 
 def _words_of_models(schema: type[BaseModel]) -> list[str]:
