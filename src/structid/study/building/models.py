@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError, suggestion
+from structid.errors import InputError, suggestion, within
 from structid.models.face import Model
 from structid.models.kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
@@ -51,7 +51,8 @@ def build_model(
     known = kind.parameters(given)
     _check_parameters(kind, known, given, space, derived)
     free = tuple(name for name in space.all_names if name in known)
-    return kind.build(ModelRequest(given, space, free, channels, folder))
+    with within("table 'model'"):
+        return kind.build(ModelRequest(given, space, free, channels, folder))
 
 
 def _given(section: ModelSection) -> dict[str, Any]:

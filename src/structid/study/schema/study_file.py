@@ -130,7 +130,10 @@ def read_study(path: str | Path) -> StudyFile:
         content = tomllib.loads(study_text(file))
     except tomllib.TOMLDecodeError as cause:
         raise InputError(
-            f"{path}", f"it is no TOML: {cause}", "a TOML file", 'A text value needs quotes: mass = "12 t".'
+            f"{path}",
+            f"it is no TOML: {cause}",
+            "a TOML file",
+            'A text value needs quotes: mass = "12 t". Decimals have a point: 0.5.',
         ) from None
     return parse_study(content, str(path))
 
