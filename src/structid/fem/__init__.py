@@ -1,0 +1,1 @@
+"""Finite elements of masonry: blocks, mortar joints, a loading beam."""

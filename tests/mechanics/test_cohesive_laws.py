@@ -1,0 +1,93 @@
+"""Cohesive laws: exact tangents, works in closed form, what the coupling is chosen for."""
+
+import jax
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from structid.device import jnp
+from structid.mechanics.cohesive_laws import cohesive_law, smc_np2
+
+PHI_N, SIGMA, PHI_T, TAU = 5.5e3, 1.05e6, 4e5, 2e6
+LAW = cohesive_law(PHI_N, SIGMA, PHI_T, TAU)
+FAR = 60.0
+"""Lengths after which nothing is left of exp(−x)."""
+
+
+def points(count=400):
+    rng = np.random.default_rng(1)
+    return rng.uniform(-1.0, 3.0, count) * LAW.normal_length, rng.uniform(-3.0, 3.0, count) * LAW.tangential_length
+
+
+def test_tangents_are_derivatives():
+    opening, slip = points()
+    response, scales = smc_np2(LAW, opening, slip), (LAW.normal_length, LAW.tangential_length)
+    for axis, letter in enumerate("nt"):
+        step = 1e-5 * scales[axis] * np.eye(2)[axis]
+        ahead, behind = (smc_np2(LAW, opening + s * step[0], slip + s * step[1]) for s in (1.0, -1.0))
+        for force in ("normal", "tangential"):
+            slope = (getattr(ahead, force) - getattr(behind, force)) / (2e-5 * scales[axis])
+            exact = getattr(response, force[0] + letter)
+            # Fourth derivatives, of up to exp(1.4) in closure, leave 1e-10 of a difference over 2e-5 lengths.
+            np.testing.assert_allclose(slope, exact, rtol=1e-8, atol=2e-9 * np.abs(exact).max())
+
+
+def test_jax_derives_the_same_tangents():
+    opening, slip = points(50)
+    response = smc_np2(LAW, opening, slip)
+
+    def forces(jump):
+        found = smc_np2(LAW, jump[0], jump[1])
+        return jnp.stack([found.normal, found.tangential])
+
+    slopes = jax.vmap(jax.jacfwd(forces))(jnp.stack([opening, slip], axis=1))
+    exact = np.array([[response.nn, response.nt], [response.tn, response.tt]]).transpose(2, 0, 1)
+    np.testing.assert_allclose(slopes, exact, rtol=1e-12, atol=1e-6)
+    at_origin = np.asarray(jax.jacfwd(forces)(jnp.zeros(2)))
+    np.testing.assert_allclose(at_origin, np.diag([LAW.normal_stiffness, LAW.tangential_stiffness]))
+
+
+@pytest.mark.parametrize(("slip", "factor"), [("exponential", 1.0), ("xu-needleman", 2.33164398)])
+def test_work_of_separation_and_of_sliding(slip, factor):
+    law = cohesive_law(PHI_N, SIGMA, PHI_T, TAU, slip)
+    opened = quad(lambda d: smc_np2(law, d, 0.0).normal, 0.0, FAR * law.normal_length, limit=200)[0]
+    slid = quad(lambda d: smc_np2(law, 0.0, d).tangential, 0.0, FAR * law.tangential_length, limit=200)[0]
+    assert opened == pytest.approx(PHI_N, rel=1e-9) and slid == pytest.approx(factor * PHI_T, rel=1e-8)
+    # The strengths are the peaks.
+    lengths = np.linspace(0.5, 1.5, 2001)
+    assert smc_np2(law, lengths * law.normal_length, 0.0 * lengths).normal.max() == pytest.approx(SIGMA, rel=1e-9)
+    assert smc_np2(law, 0.0 * lengths, lengths * law.tangential_length).tangential.max() == pytest.approx(TAU, rel=1e-9)
+
+
+@pytest.mark.parametrize("s", [0.0, 0.3, 1.0, 4.0])
+def test_separate_then_slide_and_the_other_way_round(s):
+    """φ_n + (φ_t − φ_n)(1 + s) e^(−s), and n and t exchanged."""
+    d_n, d_t = LAW.normal_length, LAW.tangential_length
+    opened = quad(lambda d: smc_np2(LAW, d, 0.0).normal, 0.0, s * d_n)[0]
+    then_slid = quad(lambda d: smc_np2(LAW, s * d_n, d).tangential, 0.0, FAR * d_t, limit=200)[0]
+    assert opened + then_slid == pytest.approx(PHI_N + (PHI_T - PHI_N) * (1.0 + s) * np.exp(-s), rel=1e-8)
+    slid = quad(lambda d: smc_np2(LAW, 0.0, d).tangential, 0.0, s * d_t)[0]
+    then_opened = quad(lambda d: smc_np2(LAW, d, s * d_t).normal, 0.0, FAR * d_n, limit=200)[0]
+    assert slid + then_opened == pytest.approx(PHI_T + (PHI_N - PHI_T) * (1.0 + s) * np.exp(-s), rel=1e-8)
+
+
+def test_equal_components_at_45_degrees():
+    """Of equal energies and strengths, in separation; in over-closure they are not, whatever a and b."""
+    law = cohesive_law(PHI_N, SIGMA, PHI_N, SIGMA)
+    jump = np.linspace(0.01, 4.0, 50) * law.normal_length
+    apart, closed = smc_np2(law, jump, jump), smc_np2(law, -jump, jump)
+    np.testing.assert_allclose(apart.normal, apart.tangential, rtol=1e-12)
+    assert (np.abs(closed.normal + closed.tangential) > 0.01 * np.abs(closed.tangential)).all()
+
+
+def test_a_closed_cycle_in_closure_may_create_energy():
+    """NP2 has no potential: the work around a rectangle in (Δ_n < 0, Δ_t) is not zero. It is at most 3 φ_n."""
+    d_n, d_t = LAW.normal_length, LAW.tangential_length
+    s, r = -0.5 * d_n, 2.0 * d_t
+    around = (
+        quad(lambda d: smc_np2(LAW, d, 0.0).normal, 0.0, s)[0]
+        + quad(lambda d: smc_np2(LAW, s, d).tangential, 0.0, r)[0]
+        + quad(lambda d: smc_np2(LAW, d, r).normal, s, 0.0)[0]
+        + quad(lambda d: smc_np2(LAW, -0.0, d).tangential, r, 0.0)[0]
+    )
+    assert abs(around) > 0.01 * PHI_N
