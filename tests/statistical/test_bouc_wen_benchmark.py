@@ -8,7 +8,12 @@ import pytest
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "bouc_wen_benchmark.py"
 
-pytestmark = pytest.mark.slow
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings(
+        "ignore:In .* of the prior .gamma. exceeds beta"
+    ),  # as those who made the benchmark mean it
+]
 
 
 @pytest.fixture(scope="module")

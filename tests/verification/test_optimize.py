@@ -119,6 +119,7 @@ def test_every_start_finds_the_truth(search, which, starts, request):
     assert reached.all()
 
 
+@pytest.mark.filterwarnings("ignore:In .* of the prior .gamma. exceeds beta")
 @pytest.mark.slow
 def test_with_discrepancy_both_agree_on_the_best_minimum(short_record):
     misfit = benchmark(short_record)
