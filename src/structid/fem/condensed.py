@@ -1,8 +1,8 @@
 """The wall's equations of motion condensed to the jumps of its joints, for many runs at once, inside JAX.
 
-Blocks are linear, and nothing but joints and short bars connects them. In each block's own mass-orthonormal modes q the linear part is
-diagonal for any law of the joints. With average acceleration, u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″, the
-step is
+Blocks are linear, and nothing but joints and short bars connects them. In each block's own mass-orthonormal modes q the linear
+part is diagonal for any law of the joints. With average acceleration, u′ = 2/Δt (u − u₀) − u₀′ and
+u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″, a step is
 
     q = W (b − Vᵀ g(δ)),    W = 1 / (4/Δt² + 2 a₀/Δt + (1 + 2 a₁/Δt) λ),    δ = V q,
     b = p − ι a_g + 4/Δt² q₀ + 4/Δt q₀′ + q₀″ + (a₀ + a₁ λ)(2/Δt q₀ + q₀′),
@@ -19,7 +19,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
-import jax
 import numpy as np
 import scipy
 from jax import lax
@@ -27,6 +26,7 @@ from jax import lax
 from structid.device import jnp
 from structid.fem.assembly import Assembly
 from structid.mechanics.cohesive_laws import JointResponse
+from structid.mechanics.lanes.block_sparse import BlockPattern, SparseMatrix
 
 JointLaw = Callable[[Any, Any], JointResponse]
 """Tractions and tangents of all joints, (joint, run), from their openings and slips."""
@@ -50,14 +50,14 @@ class Loaded(NamedTuple):
         Modal displacements.
     a_0, a_1 : array, shape (run,)
         Rayleigh's coefficients [1/s] and [s].
-    damping : array, shape (3, joint, run)
-        Symmetric tangent of the joints' forces: nn, nt, tt [N/m].
+    tangent : array, shape (pair, 2, 2, run)
+        D₀, the symmetric part of the tangent of joints and short bars [N/m].
     """
 
     q: Any
     a_0: Any
     a_1: Any
-    damping: Any
+    tangent: Any
 
 
 class WallState(NamedTuple):
@@ -102,7 +102,9 @@ class Condensed:
         """Φ, shape (dof, mode), and λ: mass-orthonormal modes of every block with the bars within it."""
         a = self.assembly
         inside = ~a.short_bars
-        stiffness = a.block_stiffness + a.elongations[inside].T @ (a.bar_stiffness[inside, None] * a.elongations[inside])
+        stiffness = a.block_stiffness + a.elongations[inside].T @ (
+            a.bar_stiffness[inside, None] * a.elongations[inside]
+        )
         block_of_dof = a.mesh.free // 8
         shapes, squares = np.zeros_like(stiffness), np.zeros(len(stiffness))
         for block in range(len(a.mesh.blocks)):
@@ -125,10 +127,30 @@ class Condensed:
 
     @cached_property
     def jump_rows(self) -> np.ndarray:
-        """V, shape (jump, mode): openings and slips of the joints one after the other, then elongations of the short bars."""
+        """V, shape (jump, mode): opening and slip of every joint one after the other, then elongations of the short bars.
+
+        These are taken in pairs, as those of a joint are: where their number is odd, a row of zeros comes last.
+        """
         a = self.assembly
         rows = np.concatenate([a.jumps, a.elongations[a.short_bars]]) @ self.shapes
+        rows = np.concatenate([rows, np.zeros((len(rows) % 2, rows.shape[1]))])
         return np.where(np.abs(rows) > 1e-12 * np.abs(rows).max(), rows, 0.0)
+
+    @cached_property
+    def opening(self) -> SparseMatrix:
+        """V."""
+        return SparseMatrix(self.jump_rows)
+
+    @cached_property
+    def pushing(self) -> SparseMatrix:
+        """Vᵀ."""
+        return SparseMatrix(np.ascontiguousarray(self.jump_rows.T))
+
+    @cached_property
+    def pattern(self) -> BlockPattern:
+        """Pairs of jumps that have a block in common."""
+        touching = np.abs(self.jump_rows).reshape(len(self.jump_rows) // 2, 2, -1).max(axis=1) > 0.0
+        return BlockPattern.of((touching.astype(int) @ touching.T.astype(int)) > 0)
 
     @cached_property
     def load(self) -> np.ndarray:
@@ -142,8 +164,9 @@ class Condensed:
 
     @cached_property
     def bars(self) -> np.ndarray:
-        """E A / L of the short bars, shape (bar,) [N/m]."""
-        return np.asarray(self.assembly.bar_stiffness[self.assembly.short_bars])
+        """E A / L of the short bars, shape (bar,) [N/m]; zero for a row that fills a pair up."""
+        bars = self.assembly.bar_stiffness[self.assembly.short_bars]
+        return np.concatenate([bars, np.zeros(len(bars) % 2)])
 
     @property
     def joints(self) -> int:
@@ -153,7 +176,7 @@ class Condensed:
     # --- forces -------------------------------------------------------------------------------------------------
 
     def forces(self, law: JointLaw, jumps: Any) -> tuple[Any, Any]:
-        """Forces of joints and short bars, and the tangent of the joints.
+        """Forces of joints and short bars, and their tangent.
 
         Parameters
         ----------
@@ -164,37 +187,24 @@ class Condensed:
 
         Returns
         -------
-        tuple of array, shape (jump, run) and (4, joint, run)
-            [N], and nn, nt, tn, tt [N/m].
+        tuple of array, shape (jump, run) and (pair, 2, 2, run)
+            [N], and the blocks of D on its diagonal [N/m].
         """
         areas, count = self.assembly.joint_areas[:, None], 2 * self.joints
         response = law(jumps[0:count:2], jumps[1:count:2])
         of_joints = jnp.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(count, -1)
-        tangent = jnp.stack([response.nn * areas, response.nt * areas, response.tn * areas, response.tt * areas])
+        rows = [
+            jnp.stack([a * areas, b * areas], axis=1)
+            for a, b in ((response.nn, response.nt), (response.tn, response.tt))
+        ]
+        of_bars = jnp.broadcast_to(self._bar_blocks, (len(self.bars) // 2, 2, 2, jumps.shape[1]))
+        tangent = jnp.concatenate([jnp.stack(rows, axis=1), of_bars])
         return jnp.concatenate([of_joints, self.bars[:, None] * jumps[count:]]), tangent
 
-    def times_tangent(self, columns: Any, tangent: Any, bars: Any) -> Any:
-        """C D of a matrix over the jumps and the block-diagonal tangent of joints and short bars.
-
-        Parameters
-        ----------
-        columns : array, shape (row, jump)
-            C.
-        tangent : array, shape (4, joint)
-            nn, nt, tn, tt.
-        bars : array, shape (bar,)
-            Of the short bars.
-
-        Returns
-        -------
-        array, shape (row, jump)
-            The product.
-        """
-        count = 2 * self.joints
-        n, t = columns[:, 0:count:2], columns[:, 1:count:2]
-        nn, nt, tn, tt = tangent
-        pairs = jnp.stack([n * nn + t * tn, n * nt + t * tt], axis=2).reshape(columns.shape[0], count)
-        return jnp.concatenate([pairs, columns[:, count:] * bars], axis=1)
+    @property
+    def _bar_blocks(self) -> np.ndarray:
+        """Blocks of the bars' stiffness, shape (pair, 2, 2, 1)."""
+        return (self.bars.reshape(-1, 2, 1) * np.eye(2))[..., None]
 
     # --- the loaded wall ----------------------------------------------------------------------------------------
 
@@ -217,44 +227,139 @@ class Condensed:
         Loaded
             Of every run.
         """
-        rows = self.jump_rows
-
-        def residual(q: Any, share: float) -> Any:
-            force, _ = self.forces(law, rows @ q)
-            return share * self.load[:, None] - self.squares[:, None] * q - rows.T @ force
-
-        def stiffness(q: Any) -> Any:
-            tangent = self.forces(law, rows @ q)[1]
-            return jax.vmap(
-                lambda own: jnp.diag(self.squares) + self.times_tangent(rows.T, own, self.bars) @ rows, in_axes=2
-            )(tangent)
-
-        def move(q: Any, share: float) -> Any:
-            return q + jnp.linalg.solve(stiffness(q), residual(q, share).T[:, :, None])[:, :, 0].T
-
         q = jnp.zeros((len(self.squares), runs))
         for step in range(1, LOAD_STEPS + 1):
-            share = step / LOAD_STEPS
-            limit = STATIC_TOLERANCE * share * np.linalg.norm(self.load)
-
-            def missed(q: Any, share: float = share) -> Any:
-                return jnp.linalg.norm(residual(q, share), axis=0)
-
-            def go_on(carried: tuple[Any, Any], limit: float = limit, missed: Callable[..., Any] = missed) -> Any:
-                return (carried[1] < ITERATIONS) & jnp.any(missed(carried[0]) > limit)
-
-            def iterate(
-                carried: tuple[Any, Any], share: float = share, limit: float = limit, missed: Callable[..., Any] = missed
-            ) -> tuple[Any, Any]:
-                q, count = carried
-                return jnp.where(missed(q) > limit, move(q, share), q), count + 1
-
-            q, _ = lax.while_loop(go_on, iterate, (lax.stop_gradient(q), 0))
+            q = self._in_equilibrium(law, lax.stop_gradient(q), step / LOAD_STEPS)
         # One iteration from where it has converged: it has the exact derivatives of the implicit function.
-        q = move(lax.stop_gradient(q), 1.0)
-        at_rest = stiffness(q)
+        q = self._iterated(law, lax.stop_gradient(q), 1.0)
+        at_rest = self._stiffness(law, q)
         omega = jnp.sqrt(jnp.linalg.eigvalsh(0.5 * (at_rest + at_rest.transpose(0, 2, 1))))
         one, other = omega[:, modes[0] - 1], omega[:, modes[1] - 1]
-        nn, nt, tn, tt = self.forces(law, rows @ q)[1]
+        tangent = self.forces(law, self.jump_rows @ q)[1]
         a_0, a_1 = 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
-        return Loaded(q, a_0, a_1, jnp.stack([nn, 0.5 * (nt + tn), tt]))
+        return Loaded(q, a_0, a_1, 0.5 * (tangent + tangent.transpose(0, 2, 1, 3)))
+
+    def _in_equilibrium(self, law: JointLaw, q: Any, share: float) -> Any:
+        """Modal displacements under a share of the vertical load, by Newton iterations."""
+        limit = STATIC_TOLERANCE * share * float(np.linalg.norm(self.load))
+
+        def missed(q: Any) -> Any:
+            return jnp.linalg.norm(self._out_of_balance(law, q, share), axis=0) > limit
+
+        def iterate(carried: tuple[Any, Any]) -> tuple[Any, Any]:
+            q, count = carried
+            return jnp.where(missed(q), self._iterated(law, q, share), q), count + 1
+
+        found, _ = lax.while_loop(
+            lambda carried: jnp.any(missed(carried[0])) & (carried[1] < ITERATIONS), iterate, (q, 0)
+        )
+        return found
+
+    def _out_of_balance(self, law: JointLaw, q: Any, share: float) -> Any:
+        force, _ = self.forces(law, self.jump_rows @ q)
+        return share * self.load[:, None] - self.squares[:, None] * q - self.jump_rows.T @ force
+
+    def _stiffness(self, law: JointLaw, q: Any) -> Any:
+        """Λ + Vᵀ D V, shape (run, mode, mode)."""
+        rows, tangent = self.jump_rows, self.forces(law, self.jump_rows @ q)[1]
+        spread = jnp.einsum("gabr,gbm->rgam", tangent, rows.reshape(-1, 2, rows.shape[1]))
+        return jnp.diag(self.squares) + jnp.einsum("jm,rjn->rmn", rows, spread.reshape(-1, *rows.shape))
+
+    def _iterated(self, law: JointLaw, q: Any, share: float) -> Any:
+        right = self._out_of_balance(law, q, share).T[:, :, None]
+        return q + jnp.linalg.solve(self._stiffness(law, q), right)[:, :, 0].T
+
+    # --- motion -------------------------------------------------------------------------------------------------
+
+    def start(self, loaded: Loaded, base: float) -> WallState:
+        """State at rest, with the acceleration that equilibrium with the base's first one asks for.
+
+        Parameters
+        ----------
+        loaded : Loaded
+            The wall under its load.
+        base : float
+            Acceleration of the base [m/s²].
+
+        Returns
+        -------
+        WallState
+            Before the first step.
+        """
+        jumps = self.jump_rows @ loaded.q
+        still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
+        pushed = jnp.broadcast_to(-self.inertia[:, None] * base, loaded.q.shape)
+        return WallState(loaded.q, still, pushed, jumps, jumps, jumps, nothing, jnp.ones(loaded.q.shape[1], dtype=bool))
+
+    def stepping(self, law: JointLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
+        """Give the step of average acceleration.
+
+        Parameters
+        ----------
+        law : callable
+            Of the joints.
+        loaded : Loaded
+            The wall under its load, with its damping.
+        dt : float
+            Step [s].
+
+        Returns
+        -------
+        callable
+            ``step(state, base)``: the state after the step, at whose end the base accelerates by `base`.
+        """
+        squares, two = self.squares[:, None], 2.0 / dt
+        own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
+        weights = 1.0 / (two**2 + two * own_damping + squares)
+        compliance = self._compliance(weights)
+        dashpots = loaded.a_1 * loaded.tangent
+
+        def step(state: WallState, base: Any) -> WallState:
+            pushed = (
+                self.load[:, None] - self.inertia[:, None] * base
+                + two**2 * state.q + 2.0 * two * state.rate + state.acceleration
+                + own_damping * (two * state.q + state.rate)
+            )  # fmt: skip
+            free = self.opening.times(weights * pushed)
+            before = two * state.jumps + state.jump_rate
+
+            def force_and_tangent(jumps: Any) -> tuple[Any, Any]:
+                force, tangent = self.forces(law, jumps)
+                rate = (two * jumps - before).reshape(-1, 2, jumps.shape[1])
+                damped = jnp.einsum("gabr,gbr->gar", dashpots, rate).reshape(jumps.shape)
+                return force + damped, tangent + two * dashpots
+
+            def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+                jumps, going, count = carried
+                force, tangent = force_and_tangent(jumps)
+                missed = jumps - free + self.pattern.times(compliance, force)
+                move = self.pattern.solve_one_plus(compliance, tangent, missed)
+                moved = jumps - move
+                near = jnp.max(jnp.abs(move), axis=0) <= TOLERANCE * (1.0 + jnp.max(jnp.abs(moved), axis=0))
+                return jnp.where(going, moved, jumps), going & ~near, count + 1.0
+
+            guess = 3.0 * (state.jumps - state.before) + state.long_before
+            found, going, _ = lax.while_loop(
+                lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS),
+                iterate,
+                (guess, state.converged, 0.0),
+            )
+            q = weights * (pushed - self.pushing.times(force_and_tangent(found)[0]))
+            rate = two * (q - state.q) - state.rate
+            return WallState(
+                q,
+                rate,
+                two * (rate - state.rate) - state.acceleration,
+                found,
+                state.jumps,
+                state.before,
+                two * found - before,
+                state.converged & ~going,
+            )
+
+        return step
+
+    def _compliance(self, weights: Any) -> Any:
+        """Blocks of F = V W Vᵀ, shape (block, 2, 2, run)."""
+        rows, pattern = self.jump_rows.reshape(-1, 2, len(self.squares)), self.pattern
+        return jnp.einsum("bim,mr,bjm->bijr", rows[pattern.rows], weights, rows[pattern.columns])

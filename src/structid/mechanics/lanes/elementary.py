@@ -10,7 +10,8 @@ import math
 import struct
 from collections.abc import Sequence
 
-from structid.mechanics.lanes.vector_code import FLAGS, Number, Register, VectorCode
+from structid.mechanics.lanes.registers import Number, Register
+from structid.mechanics.lanes.vector_code import FLAGS, VectorCode
 
 LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
 LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")

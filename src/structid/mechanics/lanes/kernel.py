@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from structid.mechanics.lanes.operations import Function
-from structid.mechanics.lanes.translation import Translator
-from structid.mechanics.lanes.values import SIGNALS, History, Value
-from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
+from structid.mechanics.lanes.registers import Number, Register
+from structid.mechanics.lanes.translation import LARGEST_ROW, Translator
+from structid.mechanics.lanes.values import SIGNALS, History, InMemory, Value
+from structid.mechanics.lanes.vector_code import VectorCode
 
 ENTRY = "run_blocks"
 """Name of the compiled function."""
@@ -93,8 +94,12 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
         def row(base: str, number: int) -> str:
             return code.address(base, code.whole("add", code.whole("mul", "%stride", number), column))
 
-        arguments = []
+        arguments: list[Value] = []
         for aval in (theta, *(v.aval for v in foreign)):
+            if math.prod(aval.shape) > LARGEST_ROW:
+                arguments.append(_in_memory(code, aval.shape, taken, column, translator.shared.length))
+                taken += math.prod(aval.shape)
+                continue
             numbers = np.empty(aval.shape, dtype=object)
             for place in np.ndindex(aval.shape):
                 number: Number = code.load(row("%arguments", taken), lanes=True)
@@ -122,6 +127,19 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
     found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
     return Kernel(text, width, translator.shared.values, found, taken, written, memory.rows)
+
+
+def _in_memory(
+    code: VectorCode, shape: tuple[int, ...], first: int, column: str, length: Callable[[int], str]
+) -> InMemory:
+    """Copy rows of the arguments into memory of this thread, where they lie close together."""
+    size = math.prod(shape)
+    place = code.slot(lanes=True, count=size)
+    with code.loop(length(size)) as at:
+        row = code.whole("mul", "%stride", code.whole("add", at, first))
+        number = code.load(code.address("%arguments", code.whole("add", row, column)), lanes=True)
+        code.store(number, code.address(place, at, lanes=True), lanes=True)
+    return InMemory(place, shape)
 
 
 class _Memory:

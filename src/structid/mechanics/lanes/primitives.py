@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from structid.mechanics.lanes.elementary import exponential, logarithm, logarithm_of_one_plus
-from structid.mechanics.lanes.vector_code import FLAGS, Number, Register, VectorCode
+from structid.mechanics.lanes.registers import Number, Register
+from structid.mechanics.lanes.vector_code import FLAGS, VectorCode
 
 Array = np.ndarray
 Parameters = Mapping[str, Any]
@@ -323,8 +324,31 @@ def truth_over(words: str) -> Callable[..., Array]:
     return joined
 
 
+def extreme_over(words: str) -> Callable[..., Array]:
+    """Find the smallest or largest number along axes.
+
+    Parameters
+    ----------
+    words : {"olt", "ogt"}
+        LLVM's name of what the chosen one of two numbers is to the other.
+
+    Returns
+    -------
+    callable
+        ``function(code, parameters, x)``: one number for each of the other places of `x`.
+    """
+    chosen = _smaller_or_larger(words)
+
+    def extreme(code: VectorCode, parameters: Parameters, x: Array) -> Array:
+        return _reduced(parameters, x, lambda row: functools.reduce(lambda a, b: chosen(code, {}, a, b), row))
+
+    return extreme
+
+
 REDUCTION: dict[str, Callable[..., Array]] = {
     "reduce_sum": sum_over,
+    "reduce_max": extreme_over("ogt"),
+    "reduce_min": extreme_over("olt"),
     "reduce_and": truth_over("and"),
     "reduce_or": truth_over("or"),
     "dot_general": product_of_matrices,

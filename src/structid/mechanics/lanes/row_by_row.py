@@ -24,6 +24,17 @@ def row_by_row() -> Iterator[None]:
         _row_by_row.reset(token)
 
 
+def in_rows() -> bool:
+    """Say whether what is traced now is traced for lanes.
+
+    Returns
+    -------
+    bool
+        True within `row_by_row`.
+    """
+    return _row_by_row.get()
+
+
 COLUMNS = 6
 """Columns of a matrix that a loop over its rows multiplies at once: their sums stay in registers."""
 

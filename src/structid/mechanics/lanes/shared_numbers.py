@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.mechanics.lanes.vector_code import Register, VectorCode
+from structid.mechanics.lanes.registers import Register
+from structid.mechanics.lanes.vector_code import VectorCode
 
 
 class SharedNumbers:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from structid.mechanics.lanes.primitives import Array
+from structid.mechanics.lanes.registers import Number, Register
 from structid.mechanics.lanes.values import array_of
-from structid.mechanics.lanes.vector_code import Number, Register, VectorCode
+from structid.mechanics.lanes.vector_code import VectorCode
 
 
 class Slots:

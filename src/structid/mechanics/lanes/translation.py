@@ -12,11 +12,14 @@ from jax.extend.core import Literal
 
 from structid.mechanics.lanes.operations import Function, constants_and_carried
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
+from structid.mechanics.lanes.registers import Number
 from structid.mechanics.lanes.shared_numbers import SharedNumbers
 from structid.mechanics.lanes.slots import Slots, Table
+from structid.mechanics.lanes.sparse_code import WRITTEN, written
 from structid.mechanics.lanes.values import (
     MOVES,
     History,
+    InMemory,
     Shared,
     SharedRow,
     Value,
@@ -29,7 +32,7 @@ from structid.mechanics.lanes.values import (
     moved,
     size_of,
 )
-from structid.mechanics.lanes.vector_code import Number, VectorCode
+from structid.mechanics.lanes.vector_code import VectorCode
 
 LARGEST_ARRAY = 4096
 """Largest array whose numbers are operated on one by one."""
@@ -117,6 +120,10 @@ class Translator:
             return computed_now(primitive, parameters, taken)
         if name == "scan":
             return self._loop(parameters, taken)
+        if name == "while":
+            return self._while(parameters, taken)
+        if name in WRITTEN:
+            return [written(name, self.code, self.shared, parameters, taken, self.numbers)]
         if isinstance(taken[0], History) and name in MOVES:
             found = moved(name, parameters, taken[0], shape)
             if found is not None:
@@ -157,6 +164,9 @@ class Translator:
             return self._row_of_history(replace(value, shape=(1, *value.shape)), "0").reshape(value.shape)
         if isinstance(value, np.ndarray):
             return value
+        if isinstance(value, InMemory):
+            places = [self.code.address(value.place, i, lanes=True) for i in range(size_of(value))]
+            return array_of([self.code.load(place, lanes=True) for place in places], value.shape)
         if isinstance(value, SharedRow):
             if size_of(value) > LARGEST_ROW:
                 raise UntranslatableError("arithmetic on a long row of an array")
@@ -178,7 +188,7 @@ class Translator:
         length = parameters["length"]
         fixed, start, series = taken[:constants], taken[constants : constants + carried], taken[constants + carried :]
         fixed = [
-            x if isinstance(x, History) or (is_known(x) and size_of(x) > LARGEST_ARRAY) else self.numbers(x)
+            x if isinstance(x, (History, InMemory)) or (is_known(x) and size_of(x) > LARGEST_ARRAY) else self.numbers(x)
             for x in fixed
         ]
         state = [Slots(self.code, self.numbers(x)) for x in start]
@@ -196,6 +206,24 @@ class Translator:
         self._depth -= 1
         return [*(s.read() for s in state), *kept]
 
+    def _while(self, parameters: dict[str, Any], taken: list[Value]) -> list[Value]:
+        """A loop that each run leaves when it is done: it goes on for all lanes while one needs it, and changes no other lane."""
+        of_condition, of_body = parameters["cond_nconsts"], parameters["body_nconsts"]
+        given, fixed = taken[:of_condition], taken[of_condition : of_condition + of_body]
+        state = [Slots(self.code, self.numbers(x)) for x in taken[of_condition + of_body :]]
+        condition, body = (Function.inlined(parameters[name]) for name in ("cond_jaxpr", "body_jaxpr"))
+        self._depth += 1
+        with self.code.loop_while() as go_on:
+            before = [s.read() for s in state]
+            (holds,) = self.function(condition, [*given, *before])
+            goes_on = self.numbers(holds)
+            go_on(goes_on.item())
+            made = self.function(body, [*fixed, *before])
+            for slots, old, new in zip(state, before, made, strict=True):
+                slots.write(_elementwise(ARITHMETIC["select_n"], self.code, {}, [goes_on, old, self.numbers(new)]))
+        self._depth -= 1
+        return [s.read() for s in state]
+
     def _passes(self, length: int, series: Sequence[Value]) -> int | str:
         """Number of passes of a loop: other records, and other designs, need no other code.
 
@@ -212,6 +240,8 @@ class Translator:
             if value.size > LARGEST_ARRAY:
                 raise UntranslatableError(f"a loop through {value.size} numbers of each run")
             return Table(self.code, value).row
+        if isinstance(value, InMemory):
+            raise UntranslatableError(f"a loop through {size_of(value)} numbers of each run")
         if isinstance(value, SharedRow):
             first, shape = value.place, value.shape[1:]
         else:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from structid.mechanics.lanes.primitives import ARRANGEMENT, Array, UntranslatableError
-from structid.mechanics.lanes.vector_code import Number
+from structid.mechanics.lanes.registers import Number
 
 UFUNCS: dict[str, np.ufunc] = {
     "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
@@ -89,11 +89,27 @@ class History:
         return "%across_signals" if self.number == SIGNALS else f"%across{self.number}"
 
 
+@dataclass(frozen=True)
+class InMemory:
+    """An array of each run that is too large for registers, in the memory of the thread that works on its block.
+
+    Parameters
+    ----------
+    place : str
+        Name of the address of its first number; the lanes of a number lie side by side.
+    shape : tuple of int
+        Its shape.
+    """
+
+    place: str
+    shape: tuple[int, ...]
+
+
 SIGNALS = -1
 """Stands for the signals that each run is given."""
 
-Value = np.ndarray | Shared | SharedRow | History
-"""Constants that stand in the text, numbers shared by all runs or a row of them, numbers in registers, or a history."""
+Value = np.ndarray | Shared | SharedRow | History | InMemory
+"""Constants that stand in the text, numbers shared by all runs or a row of them, numbers in registers or memory, or a history."""
 
 
 def is_known(value: Value) -> bool:

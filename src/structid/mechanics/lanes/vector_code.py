@@ -6,40 +6,16 @@ same for all lanes is done once.
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any
+
+from structid.mechanics.lanes.registers import Number, Register, constant
 
 FLAGS = "contract nsz arcp"
 """What LLVM may do to floating-point operations: fuse products with sums, ignore the sign of zero, multiply by a reciprocal.
 
 Nothing here lets it assume that numbers are finite: a run that diverges must be found.
 """
-
-
-@dataclass(frozen=True)
-class Register:
-    """A number that is known when the code runs.
-
-    Parameters
-    ----------
-    name : str
-        Its name in the text.
-    kind : {"double", "i1", "i64"}
-        What it is.
-    lanes : bool
-        Whether each lane has its own.
-    """
-
-    name: str
-    kind: str
-    lanes: bool
-
-
-Number = float | bool | int | Register
-"""A constant, or a register."""
 
 
 class VectorCode:
@@ -386,11 +362,11 @@ class VectorCode:
         """
         counter = self.name("slot")
         self.entry.append(f"  {counter} = alloca i64, align 8")
-        at, following = self.name("i"), self.name("next")
         self.lines.append(f"  store i64 0, ptr {counter}")
-        with self._passes(at, [f"  {at} = load i64, ptr {counter}"], str(length)):
+        with self._numbered(f"load i64, ptr {counter}", str(length)) as at:
             yield at
-            self.lines += [f"  {following} = add i64 {at}, 1", f"  store i64 {following}, ptr {counter}"]
+            following = self.whole("add", at, 1)
+            self.lines.append(f"  store i64 {following}, ptr {counter}")
 
     @contextmanager
     def shared_loop(self, counter: str, end: str) -> Iterator[str]:
@@ -408,38 +384,49 @@ class VectorCode:
         str
             Name of the running number.
         """
-        at = self.name("i")
-        with self._passes(at, [f"  {at} = atomicrmw add ptr {counter}, i64 1 seq_cst"], end):
+        with self._numbered(f"atomicrmw add ptr {counter}, i64 1 seq_cst", end) as at:
             yield at
 
     @contextmanager
-    def _passes(self, at: str, taken: Sequence[str], end: str) -> Iterator[None]:
-        """Passes of a loop as long as its number, got by the lines `taken`, is less than `end`."""
+    def loop_while(self) -> Iterator[Callable[[Number], None]]:
+        """Do what follows as long as something holds in any lane.
+
+        Yields
+        ------
+        callable
+            Called once with what must hold, a truth of each lane; what is written before is done to find it, what comes after
+            is done only where it holds in one lane at least.
+        """
+        with self._passes() as body:
+            yield lambda holds: body(self._in_any_lane(holds))
+
+    def _in_any_lane(self, truth: Number) -> str:
+        if not (isinstance(truth, Register) and truth.lanes):
+            return self.operand(truth, "i1", lanes=False)
+        found = self.name("any")
+        of = self.type_of("i1", True)
+        self.lines.append(f"  {found} = call i1 @llvm.vector.reduce.or.v{self.width}i1({of} {truth.name})")
+        return found
+
+    @contextmanager
+    def _numbered(self, taken: str, end: str) -> Iterator[str]:
+        """Passes as long as their number, which `taken` gets, is less than `end`."""
+        with self._passes() as body:
+            at, more = self.name("i"), self.name("more")
+            self.lines += [f"  {at} = {taken}", f"  {more} = icmp slt i64 {at}, {end}"]
+            body(more)
+            yield at
+
+    @contextmanager
+    def _passes(self) -> Iterator[Callable[[str], None]]:
+        """Passes of a loop; what is yielded ends the head, with the name of a truth, and begins the body."""
         head, body, done = (self.name(w)[1:] for w in ("head", "body", "done"))
-        more = self.name("more")
-        self.lines += [f"  br label %{head}", f"{head}:", *taken, f"  {more} = icmp slt i64 {at}, {end}"]
-        self.lines += [f"  br i1 {more}, label %{body}, label %{done}", f"{body}:"]
+        self.lines += [f"  br label %{head}", f"{head}:"]
         self._splats.append({})
-        yield
+
+        def begin(more: str) -> None:
+            self.lines.extend((f"  br i1 {more}, label %{body}, label %{done}", f"{body}:"))
+
+        yield begin
         self._splats.pop()
         self.lines += [f"  br label %{head}", f"{done}:"]
-
-
-def constant(number: Any, kind: str) -> str:
-    """Write a constant, to its last bit.
-
-    Parameters
-    ----------
-    number : float, bool or int
-        The constant.
-    kind : {"double", "i1", "i64"}
-        What it is.
-
-    Returns
-    -------
-    str
-        In LLVM's words.
-    """
-    if kind == "double":
-        return f"0x{struct.unpack('>Q', struct.pack('>d', float(number)))[0]:016X}"
-    return ("true" if number else "false") if kind == "i1" else str(int(number))

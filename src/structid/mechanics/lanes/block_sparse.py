@@ -1,0 +1,162 @@
+"""Sparse products and solutions of each run, with the same places for all runs: in lanes, loops over these places.
+
+JAX has dense products and LAPACK for them; a loop in lanes would write these out, zeros and all. So what is traced for lanes
+(`row_by_row`) asks for the two operations below, which only a translator knows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import Primitive
+
+from structid.device import jnp
+from structid.mechanics.lanes.elimination import Elimination, elimination
+from structid.mechanics.lanes.row_by_row import in_rows
+
+
+@dataclass(frozen=True, eq=False)
+class SparseMatrix:
+    """A matrix that all runs share.
+
+    Parameters
+    ----------
+    dense : ndarray, shape (row, column)
+        With its zeros.
+    """
+
+    dense: np.ndarray = field(repr=False)
+
+    def times(self, x: Any) -> Any:
+        """Compute A x, inside JAX.
+
+        Parameters
+        ----------
+        x : array, shape (column, run)
+            Of each run its own.
+
+        Returns
+        -------
+        jax.Array, shape (row, run)
+            The product.
+        """
+        return sparse_times.bind(x, matrix=self) if in_rows() else jnp.asarray(self.dense) @ x
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """Places of the 2 × 2 blocks of a square matrix that may not be zero.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int, shape (block,)
+        Where they are. The diagonal is among them, and with (i, j) also (j, i).
+    size : int
+        Number of rows of blocks.
+    """
+
+    rows: np.ndarray = field(repr=False)
+    columns: np.ndarray = field(repr=False)
+    size: int
+
+    @classmethod
+    def of(cls, touching: np.ndarray) -> BlockPattern:
+        """Take the pattern of a matrix of truths.
+
+        Parameters
+        ----------
+        touching : ndarray of bool, shape (size, size)
+            Symmetric.
+
+        Returns
+        -------
+        BlockPattern
+            With its diagonal.
+        """
+        rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
+        return cls(rows, columns, len(touching))
+
+    def dense(self, blocks: Any) -> Any:
+        """Write a matrix out, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            Its blocks.
+
+        Returns
+        -------
+        jax.Array, shape (run, 2 size, 2 size)
+            The matrix.
+        """
+        runs = blocks.shape[-1]
+        zeros = jnp.zeros((self.size, self.size, 2, 2, runs))
+        placed = zeros.at[self.rows, self.columns].set(blocks)
+        return placed.transpose(4, 0, 2, 1, 3).reshape(runs, 2 * self.size, 2 * self.size)
+
+    def times(self, blocks: Any, x: Any) -> Any:
+        """Compute A x, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            A.
+        x : array, shape (2 size, run)
+            Of each run its own.
+
+        Returns
+        -------
+        jax.Array, shape (2 size, run)
+            The product.
+        """
+        if in_rows():
+            return block_times.bind(blocks, x, pattern=self)
+        return jnp.einsum("rij,jr->ir", self.dense(blocks), x)
+
+    def solve_one_plus(self, blocks: Any, diagonal: Any, right: Any) -> Any:
+        """Solve (I + A D) x = b, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            A.
+        diagonal : array, shape (size, 2, 2, run)
+            Blocks of D on its diagonal.
+        right : array, shape (2 size, run)
+            b.
+
+        Returns
+        -------
+        jax.Array, shape (2 size, run)
+            x. In lanes without pivoting: the matrix must be one that needs none.
+        """
+        if in_rows():
+            return block_solve.bind(blocks, diagonal, right, pattern=self)
+        product = self.dense(jnp.einsum("bijr,bjkr->bikr", blocks, diagonal[self.columns]))
+        return jnp.linalg.solve(jnp.eye(2 * self.size) + product, right.T[:, :, None])[:, :, 0].T
+
+    @cached_property
+    def plan(self) -> Elimination:
+        """How the matrix is eliminated."""
+        return elimination(self.rows, self.columns, self.size)
+
+
+# --- primitives -----------------------------------------------------------------------------------------------------
+
+sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
+
+
+def _abstract(primitive: Any, rows_of: Any) -> None:
+    def shape(*arrays: Any, **parameters: Any) -> Any:
+        return jax.core.ShapedArray((rows_of(**parameters), arrays[-1].shape[-1]), arrays[-1].dtype)
+
+    primitive.def_abstract_eval(shape)
+
+
+_abstract(sparse_times, lambda matrix: len(matrix.dense))
+_abstract(block_times, lambda pattern: 2 * pattern.size)
+_abstract(block_solve, lambda pattern: 2 * pattern.size)
