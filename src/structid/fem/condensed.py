@@ -239,6 +239,23 @@ class Condensed:
         a_0, a_1 = 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
         return Loaded(q, a_0, a_1, 0.5 * (tangent + tangent.transpose(0, 2, 1, 3)))
 
+    def frequencies(self, law: JointLaw) -> np.ndarray:
+        """Natural frequencies of the loaded wall.
+
+        Parameters
+        ----------
+        law : callable
+            Of the joints, of one run.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            [Hz], from the lowest.
+        """
+        tangent = np.asarray(self._stiffness(law, self.loaded(law, 1, 0.0).q))[0]
+        squares = np.linalg.eigvalsh(0.5 * (tangent + tangent.T))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
+
     def _in_equilibrium(self, law: JointLaw, q: Any, share: float) -> Any:
         """Modal displacements under a share of the vertical load, by Newton iterations."""
         limit = STATIC_TOLERANCE * share * float(np.linalg.norm(self.load))
@@ -344,7 +361,8 @@ class Condensed:
                 iterate,
                 (guess, state.converged, 0.0),
             )
-            q = weights * (pushed - self.pushing.times(force_and_tangent(found)[0]))
+            # What has not converged is nobody's response.
+            q = jnp.where(going, jnp.nan, weights * (pushed - self.pushing.times(force_and_tangent(found)[0])))
             rate = two * (q - state.q) - state.rate
             return WallState(
                 q,

@@ -60,7 +60,7 @@ def cohesive_law(
     normal_strength: Any,
     tangential_energy: Any,
     tangential_strength: Any,
-    slip: str = "exponential",
+    characteristic_length: str = "exponential",
 ) -> CohesiveLaw:
     """Make the law of energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e).
 
@@ -70,9 +70,9 @@ def cohesive_law(
         Works of separation φ_n and of sliding φ_t [N/m].
     normal_strength, tangential_strength : float or array
         σ_max and τ_max [Pa].
-    slip : {"exponential", "xu-needleman"}
+    characteristic_length : {"exponential", "xu-needleman"}
         The second one takes the printed δ_t = φ_t / (τ_max √(e/2)), which belongs to a Gaussian law: the work of sliding is then
-        e/(e/2) φ_t · … = 2.33164 φ_t.
+        2.33164 φ_t.
 
     Returns
     -------
@@ -81,7 +81,7 @@ def cohesive_law(
     """
     normal_length = normal_energy / (normal_strength * np.e)
     tangential_length = tangential_energy / (
-        tangential_strength * (np.e if slip == "exponential" else np.sqrt(0.5 * np.e))
+        tangential_strength * (np.e if characteristic_length == "exponential" else np.sqrt(0.5 * np.e))
     )
     return CohesiveLaw(
         normal_strength * np.e / normal_length,

@@ -1,0 +1,313 @@
+"""A masonry wall of blocks and cohesive joints under a ground motion, as a model."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jax import lax
+
+from structid.channels import ChannelUnit
+from structid.errors import InputError, check_choice, names_checked
+from structid.fem.assembly import Assembly, Masonry
+from structid.fem.condensed import Condensed, JointLaw, WallState
+from structid.fem.layout import Wall
+from structid.fem.mesh import Mesh, mesh_of
+from structid.fem.wall_channels import WallChannels, Works, channel_unit, check_wall_channels
+from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.journal import digest
+from structid.mechanics.cohesive_laws import cohesive_law, smc_np2
+from structid.mechanics.time_loop import TimeLoop
+from structid.models.hysteretic_parameters import check_free, finite_number
+from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.probability.space import ParameterSpace
+from structid.units import factor_of
+
+PARAMETER_UNITS: Mapping[str, str] = {
+    "normal_energy": "N/m",
+    "normal_strength": "Pa",
+    "tangential_energy": "N/m",
+    "tangential_strength": "Pa",
+    "damping_ratio": "",
+}
+"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, ζ."""
+
+
+@names_checked
+@dataclass(frozen=True, eq=False)
+class MasonryWall(TraceableModel):
+    """Wall of linear plane-stress blocks, cohesive mortar joints and a loading beam, on a moving base.
+
+    ::
+
+        M u″ + C u′ + f(u) = p − M ι a_g,    C = a₀ M + a₁ K
+
+    The vertical load p is applied first. K is the symmetric part of the tangent of the loaded wall, and a₀, a₁ give its modes 1
+    and 3 the damping ratio ζ. Joints obey SMC in separation and NP2 in over-closure (`structid.mechanics.cohesive_laws`).
+    Displacements are small. Average acceleration with Newton iterations at every step.
+
+    Parameters
+    ----------
+    normal_energy, tangential_energy : float, optional
+        Works of separation φ_n and of sliding φ_t [N/m].
+    normal_strength, tangential_strength : float, optional
+        σ_max and τ_max [Pa].
+    damping_ratio : float
+        ζ.
+    wall : Wall
+        Geometry and courses; the source's façade by default.
+    masonry : Masonry
+        Materials and loads.
+    characteristic_length : {"exponential", "xu-needleman"}
+        δ_t = φ_t / (τ_max e), with which the work of sliding is φ_t; or the printed φ_t / (τ_max √(e/2)).
+    joint_points : {"ends", "gauss"}
+        Where the two joints of a line are.
+    base_joint : bool
+        Whether the wall stands on joints, or its lowest nodes are fixed.
+    step : float
+        Longest integration step [s].
+    free : sequence of str
+        Parameters that are given with every run, in the order of its columns.
+    channels : sequence of str
+        What to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …, ``"drift"`` (of the top left corner from
+        rest), ``"base_shear"``, ``"largest_opening"``, ``"largest_slip"``, ``"largest_penetration"``, and the energies
+        ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``, ``"damping_energy"``, ``"input_energy"`` and
+        ``"load_energy"``.
+
+    Examples
+    --------
+    >>> wall = MasonryWall(normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6)
+    >>> print(wall)
+    MasonryWall: 15 blocks, 34 joints, f 2.632, 9.697, 16.56 Hz under its load
+    """
+
+    normal_energy: float | None = None
+    normal_strength: float | None = None
+    tangential_energy: float | None = None
+    tangential_strength: float | None = None
+    damping_ratio: float = 0.03
+    wall: Wall = field(default_factory=Wall)
+    masonry: Masonry = field(default_factory=Masonry)
+    characteristic_length: str = "exponential"
+    joint_points: str = "ends"
+    base_joint: bool = False
+    step: float = 1e-3
+    free: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ("ux_top_left",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "free", check_free("MasonryWall", self.free, tuple(PARAMETER_UNITS)))
+        check_choice("MasonryWall.characteristic_length", self.characteristic_length, ("exponential", "xu-needleman"))
+        for name in PARAMETER_UNITS:
+            value = getattr(self, name)
+            if name in self.free and value is not None and name != "damping_ratio":
+                raise InputError(
+                    f"MasonryWall.{name}", "it has a value and is free as well", "one of the two", "Remove one."
+                )
+            if name not in self.free:
+                self._check_value(name, value)
+        if not self.step > 0.0:
+            raise InputError("MasonryWall.step", f"{self.step:g}", "a positive time in seconds")
+        object.__setattr__(self, "channels", check_wall_channels(self.mesh, self.channels))
+
+    def _check_value(self, name: str, value: float | None) -> None:
+        where = f"MasonryWall.{name}"
+        if value is None:
+            raise InputError(
+                where, "it has no value and is not free", f"a number in {PARAMETER_UNITS[name]}, or its name in free"
+            )
+        number = finite_number(where, value)
+        if number < 0.0 or (number == 0.0 and name != "damping_ratio"):
+            raise InputError(where, f"{number:g}", "0 or more" if name == "damping_ratio" else "a positive number")
+
+    # --- geometry -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Nodes, blocks, joints and bars."""
+        return mesh_of(self.wall, self.joint_points, self.base_joint)
+
+    @cached_property
+    def condensed(self) -> Condensed:
+        """The equations of motion, condensed to the jumps of the joints."""
+        return Condensed(Assembly(self.mesh, self.masonry))
+
+    # --- response -----------------------------------------------------------------------------------------------
+
+    def _values(self, theta: Any) -> dict[str, Any]:
+        """Every parameter by name: floats where fixed, arrays over runs where free."""
+        values = {name: getattr(self, name) for name in PARAMETER_UNITS}
+        return values | {name: theta[:, i] for i, name in enumerate(self.free)}
+
+    def _law(self, values: dict[str, Any]) -> JointLaw:
+        law = cohesive_law(
+            values["normal_energy"],
+            values["normal_strength"],
+            values["tangential_energy"],
+            values["tangential_strength"],
+            self.characteristic_length,
+        )
+        return lambda opening, slip: smc_np2(law, opening, slip)
+
+    def traced(self, excitation: Excitation) -> TracedExcitation:
+        """Prepare an excitation; see `TraceableModel.traced`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        TracedExcitation
+            In steps that are not longer than `step`.
+        """
+        key = excitation.content_hash
+        if key not in self._traced_excitations:
+            self._traced_excitations.clear()
+            substeps = max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
+            self._traced_excitations[key] = TracedExcitation.of(excitation, substeps)
+        return self._traced_excitations[key]
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the record; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            A ground motion.
+
+        Returns
+        -------
+        TimeLoop
+            Of the equations of motion.
+        """
+        values, runs, stages = self._values(theta), theta.shape[0], excitation.stages
+        law, dt = self._law(values), excitation.dt / stages.shape[1]
+        loaded = self.condensed.loaded(law, runs, values["damping_ratio"])
+        step = self.condensed.stepping(law, loaded, dt)
+        seen = WallChannels(self.condensed, self.channels, law, loaded, dt)
+
+        def substep(carried: tuple[WallState, Works], stage: Any) -> tuple[tuple[WallState, Works], None]:
+            state, works = carried
+            after = step(state, stage[2])
+            return (after, seen.added(works, state, after, (stage[0], stage[2])) if seen.added_up else works), None
+
+        def sample(carried: tuple[WallState, Works], row: Any) -> tuple[tuple[WallState, Works], Any]:
+            observed = seen.observe(*carried, row[0, 0])
+            if len(row) == 1:
+                return substep(carried, row[0])[0], observed
+            return lax.scan(substep, carried, row)[0], observed
+
+        start = self.condensed.start(loaded, stages[0, 0, 0]), seen.nothing(runs)
+        return TimeLoop(start, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
+
+    # --- what others ask ----------------------------------------------------------------------------------------
+
+    @property
+    def channel_units(self) -> dict[str, ChannelUnit]:
+        """SI unit and display unit of every channel."""
+        return {channel: channel_unit(channel) for channel in self.channels}
+
+    @property
+    def loop_channels(self) -> tuple[str, str, str]:
+        """Drift, base shear and the work of the joints."""
+        return ("drift", "base_shear", "joint_energy")
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "masonry wall"
+
+    def recording(self, *channels: str) -> MasonryWall:
+        """Return this wall with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        MasonryWall
+            The same wall, recording them.
+        """
+        return replace(self, channels=channels)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse anything but a ground motion.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is no ground motion, or shorter than a step.
+        """
+        check_one_signal("MasonryWall", excitation)
+        if excitation.kind != "ground_motion":
+            raise InputError("MasonryWall", f"a {excitation.kind}", "a GroundMotion")
+        if self.step > excitation.dt * (len(excitation) - 1):
+            raise InputError(
+                "MasonryWall.step", f"{self.step:g} s", f"a step shorter than the record of {excitation.duration:g} s"
+            )
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse priors in another unit, or of values that are not positive; see `Model.check_priors`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+
+        Raises
+        ------
+        InputError
+            For the first that is wrong.
+        """
+        for name in set(self.free) & set(space.names):
+            if unit := space.marginals[name].unit:
+                factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")
+        low = np.asarray(space.sample(512, 0, "sobol").columns(self.free)).min(axis=0, initial=np.inf)
+        for name, least in zip(self.free, low, strict=True):
+            if least <= 0.0:
+                cure = "Bound it with low, and check its unit."
+                raise InputError(f"the prior of '{name}'", f"values down to {least:g}", "positive values only", cure)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of every setting."""
+        return digest("MasonryWall", {f.name: repr(getattr(self, f.name)) for f in fields(self)})
+
+    def frequencies(self) -> np.ndarray:
+        """Natural frequencies of the loaded wall.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            [Hz], from the lowest.
+
+        Raises
+        ------
+        InputError
+            If parameters of the joints are free.
+        """
+        if self.free:
+            raise InputError(
+                "MasonryWall.frequencies", f"{', '.join(self.free)} free", "a wall whose joints are numbers"
+            )
+        return self.condensed.frequencies(self._law(self._values(np.zeros((1, 0)))))
+
+    def __str__(self) -> str:
+        mesh = f"MasonryWall: {len(self.mesh.blocks)} blocks, {len(self.mesh.joints)} joints"
+        if self.free:
+            return f"{mesh}, free: {', '.join(self.free)}"
+        return f"{mesh}, f {', '.join(f'{f:.4g}' for f in self.frequencies()[:3])} Hz under its load"

@@ -1,0 +1,44 @@
+"""When a response first passes a limit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.errors import InputError, names_checked
+from structid.histories import Histories
+
+
+@names_checked
+def first_passage(histories: Histories, channel: str, limit: float) -> np.ndarray:
+    """Find when the absolute value of a channel first exceeds a limit, on the straight line between two samples.
+
+    Parameters
+    ----------
+    histories : Histories
+        The runs.
+    channel : str
+        Which of their channels, such as ``"drift"``.
+    limit : float
+        In the channel's SI unit.
+
+    Returns
+    -------
+    ndarray, shape (run,)
+        Times [s]; NaN for a run that stays within the limit as far as it goes.
+
+    Raises
+    ------
+    InputError
+        If a run begins beyond the limit.
+    """
+    values = np.abs(histories.channel(channel))
+    if not limit > 0.0 or (values[:, 0] >= limit).any():
+        cure = f"The runs begin at {values[:, 0].max():g}."
+        raise InputError("first_passage(limit)", f"{limit:g}", "a positive limit beyond where every run begins", cure)
+    beyond = values > limit
+    at = beyond.argmax(axis=1)
+    runs = np.arange(len(values))
+    before, after = values[runs, np.maximum(at - 1, 0)], values[runs, at]
+    passed = beyond[runs, at]
+    share = np.where(passed, (limit - before) / np.where(passed, after - before, 1.0), np.nan)
+    return np.asarray(histories.dt * (at - 1 + share))
