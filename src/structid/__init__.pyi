@@ -9,6 +9,11 @@ from structid.errors import InputError as InputError
 from structid.errors import Status as Status
 from structid.errors import StructidError as StructidError
 from structid.errors import StructidWarning as StructidWarning
+from structid.fem.assembly import Masonry as Masonry
+from structid.fem.layout import Opening as Opening
+from structid.fem.layout import Wall as Wall
+from structid.fem.masonry_wall import MasonryWall as MasonryWall
+from structid.fem.passage import first_passage as first_passage
 from structid.ground_motion.excitation import CombinedExcitation as CombinedExcitation
 from structid.ground_motion.excitation import DisplacementHistory as DisplacementHistory
 from structid.ground_motion.excitation import ForceHistory as ForceHistory

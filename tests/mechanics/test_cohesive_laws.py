@@ -6,10 +6,17 @@ import pytest
 from scipy.integrate import quad
 
 from structid.device import jnp
-from structid.mechanics.cohesive_laws import cohesive_law, smc_np2
+from structid.mechanics.cohesive_laws import DamageFriction, SmcNp2, cohesive_law
 
 PHI_N, SIGMA, PHI_T, TAU = 5.5e3, 1.05e6, 4e5, 2e6
 LAW = cohesive_law(PHI_N, SIGMA, PHI_T, TAU)
+NOTHING = np.zeros((0, 1))
+
+
+def smc_np2(law, opening, slip):
+    return SmcNp2().respond(law, NOTHING, opening, slip)
+
+
 FAR = 60.0
 """Lengths after which nothing is left of exp(−x)."""
 
@@ -47,9 +54,9 @@ def test_jax_derives_the_same_tangents():
     np.testing.assert_allclose(at_origin, np.diag([LAW.normal_stiffness, LAW.tangential_stiffness]))
 
 
-@pytest.mark.parametrize(("slip", "factor"), [("exponential", 1.0), ("xu-needleman", 2.33164398)])
-def test_work_of_separation_and_of_sliding(slip, factor):
-    law = cohesive_law(PHI_N, SIGMA, PHI_T, TAU, slip)
+@pytest.mark.parametrize(("length", "factor"), [("exponential", 1.0), ("xu-needleman", 2.33164398)])
+def test_work_of_separation_and_of_sliding(length, factor):
+    law = cohesive_law(PHI_N, SIGMA, PHI_T, TAU, length)
     opened = quad(lambda d: smc_np2(law, d, 0.0).normal, 0.0, FAR * law.normal_length, limit=200)[0]
     slid = quad(lambda d: smc_np2(law, 0.0, d).tangential, 0.0, FAR * law.tangential_length, limit=200)[0]
     assert opened == pytest.approx(PHI_N, rel=1e-9) and slid == pytest.approx(factor * PHI_T, rel=1e-8)
@@ -91,3 +98,84 @@ def test_a_closed_cycle_in_closure_may_create_energy():
         + quad(lambda d: smc_np2(LAW, -0.0, d).tangential, r, 0.0)[0]
     )
     assert abs(around) > 0.01 * PHI_N
+
+
+# --- damage and friction ----------------------------------------------------------------------------------------------
+
+MORTAR = cohesive_law(10.0, 0.2e6, 100.0, 0.25e6, friction=0.7)
+DAMAGING = DamageFriction()
+
+
+def walked(openings, slips, law=MORTAR):
+    """Tractions along a path, and what is remembered at its end."""
+    memory, tractions = np.zeros((2, *np.shape(openings)[1:])), []
+    for opening, slip in zip(openings, slips, strict=True):
+        response = DAMAGING.respond(law, memory, opening, slip)
+        memory = DAMAGING.remembered(law, memory, opening, slip)
+        tractions.append((response.normal, response.tangential))
+    return np.array(tractions), memory
+
+
+def test_the_virgin_curve_is_smc():
+    path = np.linspace(0.0, 8.0, 400)
+    for angle in (0.0, 0.4, 1.1, np.pi / 2.0):
+        opening, slip = path * np.cos(angle) * MORTAR.normal_length, path * np.sin(angle) * MORTAR.tangential_length
+        expected = smc_np2(MORTAR, opening, slip)
+        found, _ = walked(opening, slip)
+        np.testing.assert_allclose(
+            found, np.stack([expected.normal, expected.tangential], axis=1), rtol=1e-12, atol=1e-9
+        )
+
+
+def test_unloading_goes_to_the_origin_and_contact_is_undamaged():
+    opening = np.concatenate([np.linspace(0.0, 2.0, 50), np.linspace(2.0, -1.0, 100)]) * MORTAR.normal_length
+    (normal, _), _ = walked(opening, np.zeros_like(opening))[0].T, None
+    back = opening[50:]
+    secant = normal[49] / opening[49]
+    np.testing.assert_allclose(normal[50:], np.where(back >= 0.0, secant, MORTAR.normal_stiffness) * back, rtol=1e-12)
+
+
+def test_what_is_left_of_a_slid_joint_is_friction():
+    """Far beyond its slip length nothing is left but μ N, whatever the direction."""
+    slip = np.concatenate([np.linspace(0.0, 60.0, 3000), np.linspace(60.0, 20.0, 2000)]) * MORTAR.tangential_length
+    closed = np.full_like(slip, -0.3 * MORTAR.normal_length)
+    tangential = walked(closed, slip)[0][:, 1]
+    pressed = 0.7 * 0.3 * MORTAR.normal_stiffness * MORTAR.normal_length
+    assert tangential[2999] == pytest.approx(pressed, rel=1e-9)
+    assert tangential[-1] == pytest.approx(-pressed, rel=1e-9)
+
+
+def test_no_path_makes_energy():
+    """A thousand random walks in opening and slip: what is stored and what was put in never differ the wrong way."""
+    rng = np.random.default_rng(3)
+    steps, paths = 3000, 1000
+    scale = np.array([MORTAR.normal_length, MORTAR.tangential_length])[:, None, None]
+    walk = np.cumsum(0.03 * rng.normal(size=(2, steps, paths)), axis=1) * scale
+    walk[:, 0] = 0.0
+    tractions, (kappa, slipped) = walked(*walk)
+    moves = np.diff(walk, axis=1)
+    work = (0.5 * (tractions[1:] + tractions[:-1]) * moves.transpose(1, 0, 2)).sum(axis=(0, 1))
+    opening, slip = walk[:, -1]
+    left = np.exp(-kappa)
+    normal = 0.5 * MORTAR.normal_stiffness * opening**2 * np.where(opening > 0.0, left, 1.0)
+    stuck = np.where(opening < 0.0, slip - slipped, 0.0)
+    stored = normal + 0.5 * MORTAR.tangential_stiffness * (left * slip**2 + (1.0 - left) * stuck**2)
+    # The trapezoidal rule is off by the curvature within a step.
+    assert (work - stored > -0.02 * np.abs(work).max()).all() and np.median((work - stored) / work) > 0.3
+
+
+def test_tangents_of_damage_and_friction():
+    rng, count = np.random.default_rng(4), 500
+    opening = rng.uniform(-1.0, 3.0, count) * MORTAR.normal_length
+    slip = rng.uniform(-3.0, 3.0, count) * MORTAR.tangential_length
+    memory = np.stack([rng.uniform(0.0, 3.0, count), rng.uniform(-2.0, 2.0, count) * MORTAR.tangential_length])
+    response, scales = DAMAGING.respond(MORTAR, memory, opening, slip), (MORTAR.normal_length, MORTAR.tangential_length)
+    for axis, letter in enumerate("nt"):
+        step = 1e-6 * scales[axis] * np.eye(2)[axis]
+        ahead, behind = (
+            DAMAGING.respond(MORTAR, memory, opening + s * step[0], slip + s * step[1]) for s in (1.0, -1.0)
+        )
+        for force in ("normal", "tangential"):
+            slope = (getattr(ahead, force) - getattr(behind, force)) / (2e-6 * scales[axis])
+            exact = getattr(response, force[0] + letter)
+            np.testing.assert_allclose(slope, exact, rtol=1e-7, atol=1e-8 * np.abs(exact).max())

@@ -5,7 +5,6 @@ The reference of the faster formulations, and what a run falls back on where the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -13,11 +12,8 @@ import numpy as np
 import scipy
 
 from structid.errors import ConvergenceError
-from structid.fem.assembly import Assembly
-from structid.mechanics.cohesive_laws import JointResponse
-
-Law = Callable[[np.ndarray, np.ndarray], JointResponse]
-"""Tractions and tangents of all joints from their openings and slips."""
+from structid.fem.assembly import LOAD_STEPS, Assembly
+from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 
 TOLERANCE = 1e-10
 """‖r‖ over ‖p − M ι a_g‖ of a step that has converged."""
@@ -25,8 +21,6 @@ ITERATIONS = 30
 """Newton iterations of a step before it is cut."""
 LARGEST_CUT = 64
 """Substeps into which a step is cut at most."""
-LOAD_STEPS = 10
-"""Of the static ramp."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,20 +50,48 @@ class DenseWall:
     ----------
     assembly : Assembly
         Matrices.
-    law : callable
-        Of the joints.
+    joint_law : JointLaw
+        What its joints obey.
+    law : CohesiveLaw
+        With which parameters.
     """
 
     assembly: Assembly
-    law: Law
+    joint_law: JointLaw
+    law: CohesiveLaw
 
-    def forces(self, u: np.ndarray) -> Forces:
+    @property
+    def nothing(self) -> np.ndarray:
+        """What joints remember that have not been loaded, shape (memory, joint)."""
+        return np.zeros((self.joint_law.memories, len(self.assembly.joint_areas)))
+
+    def remembered(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """What the joints remember of a displacement.
+
+        Parameters
+        ----------
+        u : ndarray, shape (dof,)
+            At the end of a step [m].
+        memory : ndarray, shape (memory, joint)
+            Before it.
+
+        Returns
+        -------
+        ndarray, shape (memory, joint)
+            After it.
+        """
+        delta = self.assembly.jumps @ u
+        return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
+
+    def forces(self, u: np.ndarray, memory: np.ndarray) -> Forces:
         """Internal forces of blocks, bars and joints.
 
         Parameters
         ----------
         u : ndarray, shape (dof,)
             Displacements [m].
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
 
         Returns
         -------
@@ -78,7 +100,7 @@ class DenseWall:
         """
         a = self.assembly
         delta, stretch = a.jumps @ u, a.elongations @ u
-        response, areas = self.law(delta[0::2], delta[1::2]), a.joint_areas
+        response, areas = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2]), a.joint_areas
         force = np.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(-1)
         tangent = np.zeros((len(delta), len(delta)))
         place = np.arange(0, len(delta), 2)
@@ -91,12 +113,12 @@ class DenseWall:
             force,
         )
 
-    def loaded(self) -> np.ndarray:
-        """Displacements under the vertical load, which grows in steps.
+    def loaded(self) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements under the vertical load, which grows in steps, and what the joints remember of it.
 
         Returns
         -------
-        ndarray, shape (dof,)
+        tuple of ndarray, shape (dof,) and (memory, joint)
             [m].
 
         Raises
@@ -104,43 +126,50 @@ class DenseWall:
         ConvergenceError
             If there is no equilibrium.
         """
-        u, load = np.zeros(len(self.assembly.load)), self.assembly.load
+        u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
         for step in range(1, LOAD_STEPS + 1):
             wanted = load * step / LOAD_STEPS
             for _ in range(ITERATIONS):
-                forces = self.forces(u)
+                forces = self.forces(u, memory)
                 residual = wanted - forces.internal
                 if np.linalg.norm(residual) <= TOLERANCE * np.linalg.norm(wanted):
                     break
                 u = u + np.linalg.solve(forces.tangent, residual)
             else:
                 raise ConvergenceError(f"the vertical load finds no equilibrium at {step / LOAD_STEPS:.0%} of it")
-        return u
+            memory = self.remembered(u, memory)
+        return u, memory
 
-    def frequencies(self, u: np.ndarray) -> np.ndarray:
+    def frequencies(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
         """Natural frequencies of the tangent's symmetric part.
 
         Parameters
         ----------
         u : ndarray, shape (dof,)
             Displacements at which the tangent is taken.
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
 
         Returns
         -------
         ndarray, shape (dof,)
             [Hz], from the lowest.
         """
-        tangent = self.forces(u).tangent
+        tangent = self.forces(u, memory).tangent
         squares = scipy.linalg.eigh(0.5 * (tangent + tangent.T), self.assembly.mass, eigvals_only=True)
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
 
-    def rayleigh(self, u: np.ndarray, ratio: float, modes: tuple[int, int] = (1, 3)) -> tuple[float, float]:
+    def rayleigh(
+        self, u: np.ndarray, memory: np.ndarray, ratio: float, modes: tuple[int, int] = (1, 3)
+    ) -> tuple[float, float]:
         """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω).
 
         Parameters
         ----------
         u : ndarray, shape (dof,)
             Displacements at which the tangent is taken.
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
         ratio : float
             ζ.
         modes : tuple of int
@@ -151,7 +180,7 @@ class DenseWall:
         tuple of float
             a₀ [1/s] and a₁ [s].
         """
-        one, other = 2.0 * np.pi * self.frequencies(u)[[modes[0] - 1, modes[1] - 1]]
+        one, other = 2.0 * np.pi * self.frequencies(u, memory)[[modes[0] - 1, modes[1] - 1]]
         return 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
 
 
@@ -163,11 +192,14 @@ class Motion:
     ----------
     u, v, a : ndarray, shape (dof,)
         Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base.
+    memory : ndarray, shape (memory, joint)
+        What the joints remember.
     """
 
     u: np.ndarray
     v: np.ndarray
     a: np.ndarray
+    memory: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,21 +252,22 @@ def simulate(
         As far as it converged.
     """
     a = wall.assembly
-    u = wall.loaded()
+    u, memory = wall.loaded()
     if damping is None:
-        a_0, a_1 = wall.rayleigh(u, ratio)
-        tangent = wall.forces(u).tangent
+        a_0, a_1 = wall.rayleigh(u, memory, ratio)
+        tangent = wall.forces(u, memory).tangent
         damping = a_0 * a.mass + 0.5 * a_1 * (tangent + tangent.T)
     inertia = a.mass @ a.horizontal
-    forces = wall.forces(u)
-    motion = Motion(u, np.zeros_like(u), np.linalg.solve(a.mass, a.load - inertia * base[0] - forces.internal))
+    forces = wall.forces(u, memory)
+    pushed = np.linalg.solve(a.mass, a.load - inertia * base[0] - forces.internal)
+    motion = Motion(u, np.zeros_like(u), pushed, memory)
     kept = [(motion.u, motion.v, forces.joints)]
     for before, after in pairwise(base):
         found = _step(wall, damping, inertia, motion, before, after, dt)
         if found is None:
             break
         motion = found
-        kept.append((motion.u, motion.v, wall.forces(motion.u).joints))
+        kept.append((motion.u, motion.v, wall.forces(motion.u, motion.memory).joints))
     us, vs, joints = (np.array(column) for column in zip(*kept, strict=True))
     return DenseHistory(us, vs, joints, base[: len(us)], damping, len(us) == len(base))
 
@@ -261,13 +294,13 @@ def _newton(wall: DenseWall, damping: np.ndarray, load: np.ndarray, start: Motio
     mass, limit = wall.assembly.mass, TOLERANCE * np.linalg.norm(load)
     at = replace(start, v=-start.v, a=-4.0 / dt * start.v - start.a)  # where u has not moved yet
     for _ in range(ITERATIONS):
-        forces = wall.forces(at.u)
+        forces = wall.forces(at.u, start.memory)
         residual = load - mass @ at.a - damping @ at.v - forces.internal
         size = np.linalg.norm(residual)
         if size <= limit:
-            return at
+            return replace(at, memory=wall.remembered(at.u, start.memory))
         if not np.isfinite(size):
             return None
         move = np.linalg.solve(4.0 / dt**2 * mass + 2.0 / dt * damping + forces.tangent, residual)
-        at = Motion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move)
+        at = Motion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move, start.memory)
     return None

@@ -13,13 +13,15 @@ from jax import lax
 from structid.channels import ChannelUnit
 from structid.errors import InputError, check_choice, names_checked
 from structid.fem.assembly import Assembly, Masonry
-from structid.fem.condensed import Condensed, JointLaw, WallState
+from structid.fem.condensed import Condensed
 from structid.fem.layout import Wall
+from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
 from structid.fem.wall_channels import WallChannels, Works, channel_unit, check_wall_channels
+from structid.fem.wall_motion import WallState, start, stepping
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
-from structid.mechanics.cohesive_laws import cohesive_law, smc_np2
+from structid.mechanics.cohesive_laws import JOINT_LAWS, CohesiveLaw, cohesive_law
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.hysteretic_parameters import check_free, finite_number
 from structid.models.traceable import TraceableModel, TracedExcitation
@@ -31,9 +33,12 @@ PARAMETER_UNITS: Mapping[str, str] = {
     "normal_strength": "Pa",
     "tangential_energy": "N/m",
     "tangential_strength": "Pa",
+    "friction": "",
     "damping_ratio": "",
 }
-"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, ζ."""
+"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, μ, ζ."""
+OPTIONAL = ("friction", "damping_ratio")
+"""Those that have a value where nothing is said, and may be zero."""
 
 
 @names_checked
@@ -46,8 +51,8 @@ class MasonryWall(TraceableModel):
         M u″ + C u′ + f(u) = p − M ι a_g,    C = a₀ M + a₁ K
 
     The vertical load p is applied first. K is the symmetric part of the tangent of the loaded wall, and a₀, a₁ give its modes 1
-    and 3 the damping ratio ζ. Joints obey SMC in separation and NP2 in over-closure (`structid.mechanics.cohesive_laws`).
-    Displacements are small. Average acceleration with Newton iterations at every step.
+    and 3 the damping ratio ζ. Joints obey one of the laws of `structid.mechanics.cohesive_laws`. Displacements are small. Average
+    acceleration with Newton iterations at every step.
 
     Parameters
     ----------
@@ -55,6 +60,10 @@ class MasonryWall(TraceableModel):
         Works of separation φ_n and of sliding φ_t [N/m].
     normal_strength, tangential_strength : float, optional
         σ_max and τ_max [Pa].
+    joint_law : {"smc-np2", "damage-friction"}
+        SMC in separation and NP2 in over-closure, without a memory; or SMC with damage, contact and friction.
+    friction : float
+        μ of the second one.
     damping_ratio : float
         ζ.
     wall : Wall
@@ -88,6 +97,8 @@ class MasonryWall(TraceableModel):
     normal_strength: float | None = None
     tangential_energy: float | None = None
     tangential_strength: float | None = None
+    joint_law: str = "smc-np2"
+    friction: float = 0.0
     damping_ratio: float = 0.03
     wall: Wall = field(default_factory=Wall)
     masonry: Masonry = field(default_factory=Masonry)
@@ -100,10 +111,11 @@ class MasonryWall(TraceableModel):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "free", check_free("MasonryWall", self.free, tuple(PARAMETER_UNITS)))
+        check_choice("MasonryWall.joint_law", self.joint_law, JOINT_LAWS)
         check_choice("MasonryWall.characteristic_length", self.characteristic_length, ("exponential", "xu-needleman"))
         for name in PARAMETER_UNITS:
             value = getattr(self, name)
-            if name in self.free and value is not None and name != "damping_ratio":
+            if name in self.free and value is not None and name not in OPTIONAL:
                 raise InputError(
                     f"MasonryWall.{name}", "it has a value and is free as well", "one of the two", "Remove one."
                 )
@@ -120,8 +132,8 @@ class MasonryWall(TraceableModel):
                 where, "it has no value and is not free", f"a number in {PARAMETER_UNITS[name]}, or its name in free"
             )
         number = finite_number(where, value)
-        if number < 0.0 or (number == 0.0 and name != "damping_ratio"):
-            raise InputError(where, f"{number:g}", "0 or more" if name == "damping_ratio" else "a positive number")
+        if number < 0.0 or (number == 0.0 and name not in OPTIONAL):
+            raise InputError(where, f"{number:g}", "0 or more" if name in OPTIONAL else "a positive number")
 
     # --- geometry -----------------------------------------------------------------------------------------------
 
@@ -133,7 +145,7 @@ class MasonryWall(TraceableModel):
     @cached_property
     def condensed(self) -> Condensed:
         """The equations of motion, condensed to the jumps of the joints."""
-        return Condensed(Assembly(self.mesh, self.masonry))
+        return Condensed(Assembly(self.mesh, self.masonry), JOINT_LAWS[self.joint_law])
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -142,15 +154,15 @@ class MasonryWall(TraceableModel):
         values = {name: getattr(self, name) for name in PARAMETER_UNITS}
         return values | {name: theta[:, i] for i, name in enumerate(self.free)}
 
-    def _law(self, values: dict[str, Any]) -> JointLaw:
-        law = cohesive_law(
+    def _law(self, values: dict[str, Any]) -> CohesiveLaw:
+        return cohesive_law(
             values["normal_energy"],
             values["normal_strength"],
             values["tangential_energy"],
             values["tangential_strength"],
             self.characteristic_length,
+            values["friction"],
         )
-        return lambda opening, slip: smc_np2(law, opening, slip)
 
     def traced(self, excitation: Excitation) -> TracedExcitation:
         """Prepare an excitation; see `TraceableModel.traced`.
@@ -189,9 +201,9 @@ class MasonryWall(TraceableModel):
         """
         values, runs, stages = self._values(theta), theta.shape[0], excitation.stages
         law, dt = self._law(values), excitation.dt / stages.shape[1]
-        loaded = self.condensed.loaded(law, runs, values["damping_ratio"])
-        step = self.condensed.stepping(law, loaded, dt)
-        seen = WallChannels(self.condensed, self.channels, law, loaded, dt)
+        at_rest = loaded(self.condensed, law, runs, values["damping_ratio"])
+        step = stepping(self.condensed, law, at_rest, dt)
+        seen = WallChannels(self.condensed, self.channels, law, at_rest, dt)
 
         def substep(carried: tuple[WallState, Works], stage: Any) -> tuple[tuple[WallState, Works], None]:
             state, works = carried
@@ -204,8 +216,8 @@ class MasonryWall(TraceableModel):
                 return substep(carried, row[0])[0], observed
             return lax.scan(substep, carried, row)[0], observed
 
-        start = self.condensed.start(loaded, stages[0, 0, 0]), seen.nothing(runs)
-        return TimeLoop(start, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
+        beginning = start(self.condensed, at_rest, stages[0, 0, 0]), seen.nothing(runs)
+        return TimeLoop(beginning, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
 
     # --- what others ask ----------------------------------------------------------------------------------------
 
@@ -304,7 +316,7 @@ class MasonryWall(TraceableModel):
             raise InputError(
                 "MasonryWall.frequencies", f"{', '.join(self.free)} free", "a wall whose joints are numbers"
             )
-        return self.condensed.frequencies(self._law(self._values(np.zeros((1, 0)))))
+        return frequencies(self.condensed, self._law(self._values(np.zeros((1, 0)))))
 
     def __str__(self) -> str:
         mesh = f"MasonryWall: {len(self.mesh.blocks)} blocks, {len(self.mesh.joints)} joints"

@@ -13,8 +13,11 @@ import numpy as np
 from structid.channels import ChannelUnit
 from structid.device import jnp
 from structid.errors import InputError, suggestion
-from structid.fem.condensed import Condensed, JointLaw, Loaded, WallState
+from structid.fem.condensed import Condensed
+from structid.fem.loaded_wall import Loaded
 from structid.fem.mesh import Mesh
+from structid.fem.wall_motion import WallState
+from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.mechanics.lanes.block_sparse import SparseMatrix
 
 LENGTH, FORCE, ENERGY = ChannelUnit("m", "mm"), ChannelUnit("N", "kN"), ChannelUnit("J", "J")
@@ -136,8 +139,8 @@ class WallChannels:
         The wall's equations.
     channels : tuple of str
         What is recorded.
-    law : callable
-        Of the joints.
+    law : CohesiveLaw
+        Parameters of the joints.
     loaded : Loaded
         The wall at rest.
     dt : float
@@ -146,7 +149,7 @@ class WallChannels:
 
     condensed: Condensed = field(repr=False)
     channels: tuple[str, ...]
-    law: JointLaw
+    law: CohesiveLaw
     loaded: Loaded
     dt: float
     _drift_at_rest: Any = field(init=False, repr=False)
@@ -212,7 +215,7 @@ class WallChannels:
         middle = 0.5 * (after.jumps + before.jumps)
         joints = works.joints
         for place, weight in zip(*_GAUSS, strict=True):
-            force, _ = c.forces(self.law, middle + 0.5 * place * (after.jumps - before.jumps))
+            force, _ = c.forces(self.law, before.memory, middle + 0.5 * place * (after.jumps - before.jumps))
             joints = joints + 0.5 * weight * jnp.sum(force[:count] * move, axis=0)
         rate, jump_rate = 0.5 * (after.rate + before.rate), 0.5 * (after.jump_rate + before.jump_rate)
         own = jnp.sum((self.loaded.a_0 + self.loaded.a_1 * c.squares[:, None]) * rate**2, axis=0)

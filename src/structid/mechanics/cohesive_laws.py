@@ -3,19 +3,17 @@
 Sources: J. P. McGarry, É. Ó Máirtín, G. Parry & G. E. Beltz (2014, J. Mech. Phys. Solids 63, 336) for NP1, NP2 and SMC; X.-P. Xu &
 A. Needleman (1993, Modelling Simul. Mater. Sci. Eng. 1, 111) for the potential from which they come. Numbers in brackets, such as
 [5.1], are equations of the MSc thesis in docs/bibliography.md.
-
-In separation the law is SMC, in over-closure NP2. Neither has a memory: a joint that has opened heals when it closes.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
-
-import numpy as np
+import math
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple
 
 from structid.array_module import namespace
 
-COUPLING = float(np.sqrt(2.0) - 1.0)
+COUPLING = math.sqrt(2.0) - 1.0
 """a = b of NP2, with which both components are equal at 45° [5.1]."""
 
 
@@ -28,12 +26,15 @@ class CohesiveLaw(NamedTuple):
         k_n = σ_max e / δ_n and k_t = τ_max e / δ_t [Pa/m].
     normal_length, tangential_length : float or array
         δ_n and δ_t [m].
+    friction : float or array
+        μ, of a law that has friction.
     """
 
     normal_stiffness: Any
     tangential_stiffness: Any
     normal_length: Any
     tangential_length: Any
+    friction: Any = 0.0
 
 
 class JointResponse(NamedTuple):
@@ -61,6 +62,7 @@ def cohesive_law(
     tangential_energy: Any,
     tangential_strength: Any,
     characteristic_length: str = "exponential",
+    friction: Any = 0.0,
 ) -> CohesiveLaw:
     """Make the law of energies and strengths: δ_n = φ_n / (σ_max e), δ_t = φ_t / (τ_max e).
 
@@ -73,61 +75,213 @@ def cohesive_law(
     characteristic_length : {"exponential", "xu-needleman"}
         The second one takes the printed δ_t = φ_t / (τ_max √(e/2)), which belongs to a Gaussian law: the work of sliding is then
         2.33164 φ_t.
+    friction : float or array
+        μ.
 
     Returns
     -------
     CohesiveLaw
         In SI.
     """
-    normal_length = normal_energy / (normal_strength * np.e)
+    normal_length = normal_energy / (normal_strength * math.e)
     tangential_length = tangential_energy / (
-        tangential_strength * (np.e if characteristic_length == "exponential" else np.sqrt(0.5 * np.e))
+        tangential_strength * (math.e if characteristic_length == "exponential" else math.sqrt(0.5 * math.e))
     )
     return CohesiveLaw(
-        normal_strength * np.e / normal_length,
-        tangential_strength * np.e / tangential_length,
+        normal_strength * math.e / normal_length,
+        tangential_strength * math.e / tangential_length,
         normal_length,
         tangential_length,
+        friction,
     )
 
 
-def smc_np2(law: CohesiveLaw, opening: Any, slip: Any) -> JointResponse:
-    """SMC in separation, NP2 in over-closure [5.1]-[5.4].
+class JointLaw(ABC):
+    """What a joint answers to its jumps, and what it remembers of them.
+
+    Attributes
+    ----------
+    memories : int
+        Numbers that a joint remembers.
+    """
+
+    memories: ClassVar[int]
+
+    @abstractmethod
+    def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
+        """Give tractions and tangents.
+
+        Parameters
+        ----------
+        law : CohesiveLaw
+            The parameters.
+        memory : array, shape (memory, …)
+            What was remembered at the last step.
+        opening, slip : array
+            Δ_n and Δ_t [m].
+
+        Returns
+        -------
+        JointResponse
+            Of these jumps.
+        """
+
+    def remembered(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> Any:
+        """Give what is remembered after a step.
+
+        Parameters
+        ----------
+        law : CohesiveLaw
+            The parameters.
+        memory : array, shape (memory, …)
+            Before it.
+        opening, slip : array
+            Δ_n and Δ_t [m] at its end.
+
+        Returns
+        -------
+        array, shape (memory, …)
+            After it.
+        """
+        return memory
+
+
+class SmcNp2(JointLaw):
+    """SMC in separation, NP2 in over-closure [5.1]-[5.4]: no memory, so that a joint that has opened heals when it closes.
 
     With x = Δ_n/δ_n, y = |Δ_t|/δ_t and ρ = √(x² + y²), where k_n Δ_n = σ_max e x and k_t Δ_t = ± τ_max e y::
 
         Δ_n ≥ 0:  T_n = k_n Δ_n exp(−ρ)          T_t = k_t Δ_t exp(−ρ)
         Δ_n < 0:  T_n = k_n Δ_n exp(−x − a y)    T_t = k_t Δ_t exp(−y − b x)        a = b = √2 − 1
-
-    Parameters
-    ----------
-    law : CohesiveLaw
-        The parameters.
-    opening, slip : array
-        Δ_n and Δ_t [m].
-
-    Returns
-    -------
-    JointResponse
-        Where Δ_n = 0 and Δ_t ≠ 0 the tractions are continuous and the tangents are not: it is that of separation.
     """
-    xp = namespace(opening)
-    k_n, k_t, d_n, d_t = law
-    x, y, side = opening / d_n, xp.abs(slip) / d_t, xp.sign(slip)
+
+    memories = 0
+
+    def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
+        """Give tractions and tangents; see `JointLaw.respond`.
+
+        Parameters
+        ----------
+        law : CohesiveLaw
+            The parameters.
+        memory : array
+            Nothing.
+        opening, slip : array
+            Δ_n and Δ_t [m].
+
+        Returns
+        -------
+        JointResponse
+            Where Δ_n = 0 and Δ_t ≠ 0 the tractions are continuous and the tangents are not: it is that of separation.
+        """
+        xp = namespace(opening)
+        x, y, side = opening / law.normal_length, xp.abs(slip) / law.tangential_length, xp.sign(slip)
+        apart, (rho, by_n, by_t) = opening >= 0.0, _distance(xp, x, y)
+        e_n = xp.exp(-xp.where(apart, rho, x + COUPLING * y))
+        e_t = xp.exp(-xp.where(apart, rho, y + COUPLING * x))
+        normal, tangential = law.normal_stiffness * opening * e_n, law.tangential_stiffness * slip * e_t
+        return JointResponse(
+            normal,
+            tangential,
+            law.normal_stiffness * e_n * (1.0 - x * xp.where(apart, by_n, 1.0)),
+            -normal * side / law.tangential_length * xp.where(apart, by_t, COUPLING),
+            -tangential / law.normal_length * xp.where(apart, by_n, COUPLING),
+            law.tangential_stiffness * e_t * (1.0 - y * xp.where(apart, by_t, 1.0)),
+        )
+
+
+class DamageFriction(JointLaw):
+    """SMC with a memory: unloading to the origin, undamaged contact, and friction where the joint is damaged and closed.
+
+    κ is the largest ρ so far, where ρ = √(x² + y²) with x = ⟨Δ_n⟩/δ_n, and D = 1 − exp(−κ)::
+
+        T_n = (1 − D) k_n Δ_n  in separation,  k_n Δ_n  in closure
+        T_t = (1 − D) k_t Δ_t + D T_f,    T_f = k_t (Δ_t − Δ_p),    |T_f| ≤ μ ⟨−T_n⟩
+
+    While κ grows, the law is SMC in separation. What is lost is ½ (k_n Δ_n² + k_t Δ_t²) exp(−κ) κ′, and what friction takes.
+    Both κ and the slip Δ_p, from which friction counts, are remembered.
+    """
+
+    memories = 2
+
+    def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
+        """Give tractions and tangents; see `JointLaw.respond`.
+
+        Parameters
+        ----------
+        law : CohesiveLaw
+            The parameters.
+        memory : array, shape (2, …)
+            κ and Δ_p at the last step.
+        opening, slip : array
+            Δ_n and Δ_t [m].
+
+        Returns
+        -------
+        JointResponse
+            The tangent is that of the closed-form return.
+        """
+        xp = namespace(opening)
+        kappa, slipped = memory
+        k_n, k_t = law.normal_stiffness, law.tangential_stiffness
+        apart = opening >= 0.0
+        x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
+        rho, by_n, by_t = _distance(xp, x, y)
+        grows = rho > kappa
+        left = xp.exp(-xp.where(grows, rho, kappa))  # 1 − D
+        # ∂(1 − D)/∂Δ_n and ∂(1 − D)/∂Δ_t, while κ grows.
+        left_n = xp.where(grows & apart, -left * by_n / law.normal_length, 0.0)
+        left_t = xp.where(grows, -left * by_t * xp.sign(slip) / law.tangential_length, 0.0)
+        normal = k_n * opening * xp.where(apart, left, 1.0)
+        limit = law.friction * xp.where(apart, 0.0, -k_n * opening)
+        tried = k_t * (slip - slipped)
+        sticks = xp.abs(tried) <= limit
+        rubbed = xp.where(sticks, tried, xp.sign(tried) * limit)
+        rubbed_n = xp.where(sticks | apart, 0.0, -xp.sign(tried) * law.friction * k_n)
+        rubbed_t = xp.where(sticks, k_t, 0.0)
+        return JointResponse(
+            normal,
+            left * k_t * slip + (1.0 - left) * rubbed,
+            xp.where(apart, k_n * (left + opening * left_n), k_n),
+            xp.where(apart, k_n * opening * left_t, 0.0),
+            left_n * (k_t * slip - rubbed) + (1.0 - left) * rubbed_n,
+            left * k_t + left_t * (k_t * slip - rubbed) + (1.0 - left) * rubbed_t,
+        )
+
+    def remembered(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> Any:
+        """Give κ and Δ_p after a step; see `JointLaw.remembered`.
+
+        Parameters
+        ----------
+        law : CohesiveLaw
+            The parameters.
+        memory : array, shape (2, …)
+            Before it.
+        opening, slip : array
+            Δ_n and Δ_t [m] at its end.
+
+        Returns
+        -------
+        array, shape (2, …)
+            After it.
+        """
+        xp = namespace(opening)
+        kappa, slipped = memory
+        apart, k_t = opening >= 0.0, law.tangential_stiffness
+        x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
+        limit = law.friction * xp.where(apart, 0.0, -law.normal_stiffness * opening)
+        tried = k_t * (slip - slipped)
+        after = xp.where(xp.abs(tried) <= limit, slipped, slip - xp.sign(tried) * limit / k_t)
+        return xp.stack([xp.maximum(kappa, _distance(xp, x, y)[0]), after])
+
+
+def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
+    """ρ = √(x² + y²), ∂ρ/∂x and ∂ρ/∂y, which are taken as zero at the origin; finite derivatives there."""
     square = x * x + y * y
     away = square > 0.0
-    rho = xp.sqrt(xp.where(away, square, 1.0))  # its derivative is finite at the origin
-    apart = opening >= 0.0
-    decay = xp.where(away, rho, 0.0)
-    e_n = xp.exp(-xp.where(apart, decay, x + COUPLING * y))
-    e_t = xp.exp(-xp.where(apart, decay, y + COUPLING * x))
-    # ∂ρ/∂Δ_n = x/(δ_n ρ), ∂ρ/∂Δ_t = ± y/(δ_t ρ), both taken as zero at the origin.
-    by_n, by_t = xp.where(away, x / rho, 0.0), xp.where(away, y / rho, 0.0)
-    return JointResponse(
-        k_n * opening * e_n,
-        k_t * slip * e_t,
-        k_n * e_n * (1.0 - x * xp.where(apart, by_n, 1.0)),
-        -k_n * opening * e_n * side / d_t * xp.where(apart, by_t, COUPLING),
-        -k_t * slip * e_t / d_n * xp.where(apart, by_n, COUPLING),
-        k_t * e_t * (1.0 - y * xp.where(apart, by_t, 1.0)),
-    )
+    rho = xp.sqrt(xp.where(away, square, 1.0))
+    return xp.where(away, rho, 0.0), xp.where(away, x / rho, 0.0), xp.where(away, y / rho, 0.0)
+
+
+JOINT_LAWS: dict[str, JointLaw] = {"smc-np2": SmcNp2(), "damage-friction": DamageFriction()}
+"""By the word of a study file."""

@@ -7,6 +7,7 @@ import structid as si
 from oscillators import DEGRADING
 from package import concrete_subclasses
 from structid.device import over_runs
+from structid.fem.wall_channels import CHANNELS as WALL_CHANNELS
 from structid.mechanics.lanes import machine
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.lanes.translation import LONGEST_UNROLLED
@@ -65,6 +66,21 @@ def test_every_channel_of_the_oscillator(excitation):
     channels = [c for c in CHANNELS if excitation != "displacement" or c not in ACCELERATIONS]
     model = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",), channels=channels)
     compared(model, EXCITATIONS[excitation], RNG.uniform(7e6, 8e6, (5, 1)))
+
+
+JOINTS = ("normal_energy", "normal_strength", "tangential_energy", "tangential_strength")
+STRENGTHS = np.array([5.5e3, 1.05e6, 4e5, 2e6]) * RNG.uniform(0.8, 1.2, (5, 4))
+
+
+@pytest.mark.parametrize("law", ["smc-np2", "damage-friction"])
+def test_every_channel_of_a_wall(law):
+    """Both find the jumps to 1e-13 m, so that sums of forces and energies over them differ by more than rounding."""
+    wall = si.MasonryWall(free=JOINTS, joint_law=law, channels=("ux_top_left", "uy_node_20", *WALL_CHANNELS))
+    traced = wall.traced(GROUND)
+    ours, theirs = (kind(wall.response, (2, 0))(STRENGTHS, traced) for kind in (InLanes, over_runs))
+    assert InLanes(wall.response, (2, 0)).compiled(4, (traced,)) is not None and ours[1].all()
+    scale = np.abs(theirs[0]).max(axis=(0, 2), keepdims=True)
+    assert (np.abs(ours[0] - theirs[0]) <= 1e-9 * scale).all()
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -197,6 +213,23 @@ def test_a_response_that_is_a_product_is_numpys(settings, runs):
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("law", [si.IID(), si.AR1()], ids=["iid", "ar1"])
+def test_the_likelihood_of_a_wall(law, monkeypatch):
+    space = si.ParameterSpace(normal_energy=si.Uniform(2e3, 8e3), tangential_strength=si.Uniform(1e6, 3e6))
+    wall = si.MasonryWall(
+        free=space.names, normal_strength=1e6, tangential_energy=4e5, channels=("ux_top_left", "uy_top_right")
+    )
+    record = GROUND.trim(0.0, 1.0)
+    measured = wall.simulate([[5e3, 2e6]], record).values[0]
+    of = si.Posterior(
+        space, wall, si.Observation(record, measured + 1e-4 * RNG.normal(size=measured.shape), wall.channels), law
+    )
+    assert of.in_lanes
+    phi = of.initial(9, np.random.default_rng(1))
+    for ours, theirs in zip(of.evaluate_parts(phi), by_jax(of, phi, monkeypatch), strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8)
+
+
 def test_no_model_is_forgotten():
-    tried = {"BoucWen", "ShearFrame", "DriftingModel", "ParametricNARX", "ResponseSpaceSurrogate"}
+    tried = {"BoucWen", "MasonryWall", "ShearFrame", "DriftingModel", "ParametricNARX", "ResponseSpaceSurrogate"}
     assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried

@@ -1,0 +1,122 @@
+"""A wall as a model: derivatives, formulations, order in the step, walls of other shapes, and what it refuses."""
+
+import jax
+import numpy as np
+import pytest
+import scipy
+
+import structid as si
+from structid.errors import InputError
+from structid.fem.assembly import Assembly, Masonry
+from structid.fem.dense_newton import DenseWall, simulate
+from structid.fem.layout import Opening, Wall
+from structid.fem.masonry_wall import MasonryWall
+from structid.mechanics.cohesive_laws import JOINT_LAWS, cohesive_law
+
+NAMES = ("normal_energy", "normal_strength", "tangential_energy", "tangential_strength")
+SOFT, STIFF = np.array([3e3, 0.95e6, 2e5, 0.6e6]), np.array([5.5e3, 1.05e6, 4e5, 2e6])
+RECORD = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(4.0, 5.0).scale_to_pga(6.0)
+WINDOWS = Wall(
+    width=3.0, height=2.0, openings=(Opening(0.6, 0.6, 0.6, 0.8), Opening(1.8, 0.6, 0.6, 0.8)), courses=(1, 1, 1)
+)
+
+
+def test_derivatives_are_those_of_differences():
+    model = MasonryWall(free=NAMES, channels=("ux_top_left", "base_shear"))
+    traced = model.traced(RECORD.trim(0.0, 0.3))
+
+    def last(theta):
+        return model.response(theta[None], traced)[0][-1, :, 0]
+
+    forward, backward, value = jax.jit(jax.jacfwd(last)), jax.jit(jax.jacrev(last)), jax.jit(last)
+    for theta in (SOFT, STIFF):
+        exact = np.asarray(forward(theta)) * theta
+        np.testing.assert_allclose(np.asarray(backward(theta)) * theta, exact, rtol=1e-7)
+        steps = 1e-5 * np.diag(theta)
+        found = np.stack([(value(theta + s) - value(theta - s)) / 2e-5 for s in steps], axis=1)
+        assert (np.abs(found - exact).max(axis=1) < 1e-5 * np.abs(exact).max(axis=1)).all()
+
+
+@pytest.mark.parametrize(
+    ("law", "friction", "agree"),
+    [("smc-np2", 0.0, 1e-9), ("damage-friction", 0.0, 1e-9), ("damage-friction", 0.7, 2e-3)],
+)
+@pytest.mark.parametrize("settings", [{}, dict(joint_points="gauss", base_joint=True), dict(wall=WINDOWS)])
+def test_the_dense_newton(law, friction, agree, settings):
+    """With friction, joints at the verge of slipping make 1e-13 m of a difference of rounding at once, and 1e-8 m in a second."""
+    theta = STIFF if law == "smc-np2" else np.array([50.0, 0.2e6, 500.0, 0.3e6])
+    model = MasonryWall(
+        free=NAMES, channels=("ux_top_left", "uy_top_right"), joint_law=law, friction=friction, **settings
+    )
+    found = model.simulate(theta[None], RECORD.trim(0.0, 0.2))
+    assert found.done.all() and model._compiled_response.why_not == ""
+    assembly = Assembly(model.mesh, Masonry())
+    dense = DenseWall(assembly, JOINT_LAWS[law], cohesive_law(*theta, friction=friction))
+    base = np.interp(1e-3 * np.arange(201), RECORD.time, RECORD.values)
+    history = simulate(dense, base, 1e-3)
+    rows = [assembly.dof(model.mesh.corner("top_left"), 0), assembly.dof(model.mesh.corner("top_right"), 1)]
+    expected = history.u[::10, rows]
+    np.testing.assert_allclose(found.values[0], expected, atol=agree * np.abs(expected).max())
+
+
+def test_of_second_order_in_the_step():
+    model = MasonryWall(**dict(zip(NAMES, STIFF, strict=True)), channels=("drift",))
+    record = RECORD.trim(0.0, 0.5)
+    one, half, quarter = (
+        MasonryWall(**dict(zip(NAMES, STIFF, strict=True)), channels=("drift",), step=step)
+        .simulate([[]], record)
+        .values[0, :, 0]
+        for step in (1e-3, 5e-4, 2.5e-4)
+    )
+    ratio = np.linalg.norm(one - half) / np.linalg.norm(half - quarter)
+    assert 3.3 < ratio < 4.7 and model.step == 1e-3
+
+
+def test_a_wall_of_stiff_joints_is_a_plate():
+    """Frequencies of the blocks assembled without joints, by an independent assembly over shared nodes."""
+    stiff = dict(zip(NAMES, (1e-3, 1e6, 1e-3, 1e6), strict=True))
+    masonry = Masonry(vertical_load=1.0)
+    model = MasonryWall(**stiff, wall=Wall(openings=(), courses=(6,), block_length=0.45), masonry=masonry)
+    assembly, places = model.condensed.assembly, model.mesh.nodes
+    _, shared = np.unique(np.round(places, 9), axis=0, return_inverse=True)
+    full = np.zeros((2 * len(places), 2 * (shared.max() + 1)))
+    for node, one in enumerate(shared):
+        full[2 * node, 2 * one] = full[2 * node + 1, 2 * one + 1] = 1.0
+    tied = full[model.mesh.free]
+    tied = tied[:, np.abs(tied).sum(axis=0) > 0]
+    bars = assembly.elongations[~assembly.short_bars]
+    stiffness = assembly.block_stiffness + bars.T @ (assembly.bar_stiffness[~assembly.short_bars, None] * bars)
+    squares = scipy.linalg.eigh(tied.T @ stiffness @ tied, tied.T @ assembly.mass @ tied, eigvals_only=True)
+    np.testing.assert_allclose(model.frequencies()[:5], np.sqrt(squares[:5]) / (2.0 * np.pi), rtol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        (dict(normal_strength=0.0), "normal_strength: 0.*positive"),
+        (dict(tangential_energy=-1.0), "tangential_energy"),
+        (dict(normal_energy=None), "has no value and is not free"),
+        (dict(free=("normal_energy",)), "a value and is free as well"),
+        (dict(channels=("ux_top_lef",)), "Did you mean 'ux_top_left'"),
+        (dict(channels=("ux_node_0",)), "does not move"),
+        (dict(joint_law="smc"), "smc-np2"),
+        (dict(step=0.0), "positive time"),
+    ],
+)
+def test_what_is_no_wall(settings, words):
+    with pytest.raises(InputError, match=words):
+        MasonryWall(**dict(zip(NAMES, STIFF, strict=True)) | settings)
+
+
+def test_what_it_does_not_respond_to():
+    model = MasonryWall(**dict(zip(NAMES, STIFF, strict=True)), step=2.0)
+    with pytest.raises(InputError, match="a step shorter than the record"):
+        model.simulate([[]], RECORD)
+    with pytest.raises(InputError, match="a force"):
+        model.simulate([[]], si.ForceHistory(RECORD.values, RECORD.dt))
+    space = si.ParameterSpace(normal_strength=si.Normal(1e6, 1e6))
+    free = MasonryWall(
+        **{n: v for n, v in zip(NAMES, STIFF, strict=True) if n != "normal_strength"}, free=("normal_strength",)
+    )
+    with pytest.raises(InputError, match="prior of 'normal_strength'"):
+        free.check_priors(space)
