@@ -22,7 +22,7 @@ _PUBLIC = {
     "CombinedExcitation": "ground_motion.excitation",
     "DampedCosine": "inference.likelihood.kernels",
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",
-    "Design": "probability.space",
+    "Design": "probability.designs",
     "DisplacementHistory": "ground_motion.excitation",
     "Drifting": "inference.likelihood.drifting",
     "ForceHistory": "ground_motion.excitation",

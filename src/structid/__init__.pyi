@@ -38,6 +38,7 @@ from structid.inference.sampling_result import SamplingResult as SamplingResult
 from structid.inference.target import LogDensity as LogDensity
 from structid.models.bouc_wen import BoucWen as BoucWen
 from structid.models.shear_frame import ShearFrame as ShearFrame
+from structid.probability.designs import Design as Design
 from structid.probability.marginals import Beta as Beta
 from structid.probability.marginals import Frozen as Frozen
 from structid.probability.marginals import Gamma as Gamma
@@ -46,7 +47,6 @@ from structid.probability.marginals import LogNormal as LogNormal
 from structid.probability.marginals import Normal as Normal
 from structid.probability.marginals import Uniform as Uniform
 from structid.probability.marginals import Weibull as Weibull
-from structid.probability.space import Design as Design
 from structid.probability.space import ParameterSpace as ParameterSpace
 from structid.runs import Runs as Runs
 from structid.solvers.callable import CallableModel as CallableModel

@@ -17,7 +17,7 @@ from structid.figures import runs as figures
 from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
 from structid.notebook import ShownAsText
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.reasons import counted_reasons, general_reason
 from structid.units import factor
 

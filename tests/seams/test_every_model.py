@@ -45,6 +45,14 @@ def frame():
     )
 
 
+JOINTS = si.ParameterSpace(normal_energy=si.Uniform(4e3, 6e3), tangential_strength=si.Uniform(1e6, 2e6))
+
+
+def wall():
+    joints = dict(normal_strength=1e6, tangential_energy=4e5)
+    return si.MasonryWall(**joints, free=JOINTS.names, channels=("ux_top_left", "base_shear"), step=5e-3)
+
+
 DRIFTING = SPRING.extended(
     stiffness_drift=si.Uniform(0.1, 0.3, unit="kN/mm"), gamma_ratio_drift=si.Uniform(0.0, 0.1),
     **{f"{name}_at_{knot}": si.Normal(0.0, 1.0) for name in SPRING.names for knot in (1, 2, 3)},
@@ -70,6 +78,7 @@ MODELS = {
     "BoucWen": (lambda folder: oscillator(), SPRING, True),
     "DriftingModel": (lambda folder: DriftingModel(oscillator(), SPRING, 3, 1.5), DRIFTING, True),
     "ShearFrame": (lambda folder: frame(), STOREYS, True),
+    "MasonryWall": (lambda folder: wall(), JOINTS, True),
     "CallableModel": (lambda folder: si.CallableModel(solvers.wave, WAVES.names, ("velocity",)), WAVES, True),
     "ProgramModel": (program, WAVES, True),
     "UMBridgeModel": (

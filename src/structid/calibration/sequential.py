@@ -30,7 +30,8 @@ from structid.inference.sampling.tempered import SMC
 from structid.journal import Journal, digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.runs import Runs
 from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings

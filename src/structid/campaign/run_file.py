@@ -25,7 +25,8 @@ from structid.ground_motion.excitation import (
 )
 from structid.ground_motion.record import GroundMotion
 from structid.journal import opened_hdf5
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.runs import Runs
 
 SCHEMA = 2

@@ -19,7 +19,7 @@ from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.journal import digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs, record_numbers
 from structid.solvers.external import as_guarded
 from structid.solvers.guard import PackedCall, attempt, packed

@@ -15,9 +15,6 @@ from structid.errors import InputError, names_checked
 from structid.fem.elements import block_mass, block_stiffness
 from structid.fem.mesh import SHORT_BAR, Mesh
 
-LOAD_STEPS = 4
-"""Steps of the ramp by which the vertical load comes on; joints with a memory depend on it."""
-
 
 @names_checked
 @dataclass(frozen=True)

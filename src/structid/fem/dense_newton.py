@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from structid.errors import ConvergenceError
-from structid.fem.assembly import LOAD_STEPS, Assembly
+from structid.fem.assembly import Assembly
 from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 
 TOLERANCE = 1e-10
@@ -127,8 +127,9 @@ class DenseWall:
             If there is no equilibrium.
         """
         u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
-        for step in range(1, LOAD_STEPS + 1):
-            wanted = load * step / LOAD_STEPS
+        steps = self.joint_law.load_steps
+        for step in range(1, steps + 1):
+            wanted = load * step / steps
             for _ in range(ITERATIONS):
                 forces = self.forces(u, memory)
                 residual = wanted - forces.internal
@@ -136,7 +137,7 @@ class DenseWall:
                     break
                 u = u + np.linalg.solve(forces.tangent, residual)
             else:
-                raise ConvergenceError(f"the vertical load finds no equilibrium at {step / LOAD_STEPS:.0%} of it")
+                raise ConvergenceError(f"the vertical load finds no equilibrium at {step / steps:.0%} of it")
             memory = self.remembered(u, memory)
         return u, memory
 

@@ -9,7 +9,6 @@ import numpy as np
 from jax import lax
 
 from structid.device import jnp
-from structid.fem.assembly import LOAD_STEPS
 from structid.fem.condensed import Condensed
 from structid.mechanics.cohesive_laws import CohesiveLaw
 
@@ -64,9 +63,10 @@ def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tu
     """
     q, memory = jnp.zeros((len(wall.squares), runs)), jnp.zeros((wall.joint_law.memories, wall.joints, runs))
     held = jax.tree.map(lax.stop_gradient, law)
-    for step in range(1, LOAD_STEPS + 1):
-        q = _in_equilibrium(wall, held, memory, q, step / LOAD_STEPS)
-        memory = wall.remembered(held, memory, wall.jump_rows @ q) if step < LOAD_STEPS else memory
+    steps = wall.joint_law.load_steps
+    for step in range(1, steps + 1):
+        q = _in_equilibrium(wall, held, memory, q, step / steps)
+        memory = wall.remembered(held, memory, wall.jump_rows @ q) if step < steps else memory
     # One iteration from where it has converged: it has the exact derivatives of the implicit function.
     q = _iterated(wall, law, memory, lax.stop_gradient(q), 1.0)
     memory = wall.remembered(law, memory, wall.jump_rows @ q)

@@ -103,9 +103,12 @@ class JointLaw(ABC):
     ----------
     memories : int
         Numbers that a joint remembers.
+    load_steps : int
+        Steps in which a static load comes on: a joint with a memory depends on them.
     """
 
     memories: ClassVar[int]
+    load_steps: ClassVar[int]
 
     @abstractmethod
     def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
@@ -155,7 +158,7 @@ class SmcNp2(JointLaw):
         Δ_n < 0:  T_n = k_n Δ_n exp(−x − a y)    T_t = k_t Δ_t exp(−y − b x)        a = b = √2 − 1
     """
 
-    memories = 0
+    memories, load_steps = 0, 1
 
     def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
         """Give tractions and tangents; see `JointLaw.respond`.
@@ -202,7 +205,7 @@ class DamageFriction(JointLaw):
     Both κ and the slip Δ_p, from which friction counts, are remembered.
     """
 
-    memories = 2
+    memories, load_steps = 2, 4
 
     def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
         """Give tractions and tangents; see `JointLaw.respond`.

@@ -13,7 +13,8 @@ from structid.channels import ChannelUnit, standard_unit
 from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished runs or steps, and the total."""

@@ -12,7 +12,9 @@ Derivation = Callable[[Mapping[str, Any]], Any]
 """Function of a mapping from parameter names to arrays."""
 
 
-def derivations(sources: Mapping[str, Derivation | str], sampled: Sequence[str]) -> dict[str, Derivation]:
+def derivations(
+    sources: Mapping[str, Derivation | str], sampled: Sequence[str], called: str = "derived"
+) -> dict[str, Derivation]:
     """Turn the sources of derived parameters into functions, and check their names.
 
     Parameters
@@ -21,6 +23,8 @@ def derivations(sources: Mapping[str, Derivation | str], sampled: Sequence[str])
         Function or expression of each derived parameter; it may use the sampled parameters and earlier derived ones.
     sampled : sequence of str
         Names of the sampled parameters.
+    called : str
+        What they are, for messages.
 
     Returns
     -------
@@ -35,15 +39,15 @@ def derivations(sources: Mapping[str, Derivation | str], sampled: Sequence[str])
     functions: dict[str, Derivation] = {}
     for name, source in sources.items():
         if name in sampled:
-            raise InputError(f"derived '{name}'", "a name that also has a prior", "a new name", "Remove one of them.")
-        functions[name] = source if callable(source) else _of_text(name, source, [*sampled, *functions])
+            raise InputError(f"{called} '{name}'", "a name that is taken", "a new name", "Remove one of them.")
+        functions[name] = source if callable(source) else _of_text(f"{called} '{name}'", source, [*sampled, *functions])
     return functions
 
 
-def _of_text(name: str, text: str, known: Sequence[str]) -> Derivation:
-    function, needed = parse_expression(text, f"derived '{name}'")
+def _of_text(where: str, text: str, known: Sequence[str]) -> Derivation:
+    function, needed = parse_expression(text, where)
     for other in needed:
         if other not in known:
             came = f"'{other}' in '{text}'"
-            raise InputError(f"derived '{name}'", came, ", ".join(known), suggestion(other, known))
+            raise InputError(where, came, ", ".join(known), suggestion(other, known))
     return function

@@ -1,15 +1,22 @@
-"""Designs of experiments on the unit cube: random, Latin hypercube (plain and maximin), scrambled Sobol'."""
+"""Designs: points of a parameter space; on the unit cube random, Latin hypercube (plain, maximin) and scrambled Sobol' ones."""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
 
-from structid.errors import InputError, check_choice
+from structid.errors import InputError, check_choice, names_checked
 from structid.streams import Purpose, stream
+
+if TYPE_CHECKING:
+    import xarray
 
 METHODS = {
     "latin_hypercube": Purpose.LATIN_HYPERCUBE,
@@ -18,6 +25,85 @@ METHODS = {
     "random": Purpose.RANDOM_DESIGN,
 }
 """Names of the methods, and the random stream of each."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """Points of a parameter space.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run, parameter)
+        Points in SI.
+    space : ParameterSpace
+        The space.
+    """
+
+    values: np.ndarray
+    space: Any  # a ParameterSpace, which is a floor above
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(self.space.names)
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, rows: slice | np.ndarray) -> Design:
+        return Design(self.values[rows], self.space)
+
+    def __add__(self, more: Design) -> Design:
+        """The points of this design followed by those of another design of the same space."""
+        if not isinstance(more, Design) or more.space.content_hash != self.space.content_hash:
+            came = f"a {type(more).__name__} of another space"
+            raise InputError("Design + Design", came, "a design of the same space")
+        return Design(np.vstack([self.values, more.values]), self.space)
+
+    def columns(self, names: Sequence[str]) -> np.ndarray:
+        """Values of named parameters, derived ones included.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Names of the parameters.
+
+        Returns
+        -------
+        ndarray, shape (run, name)
+            Values in SI.
+        """
+        return np.asarray(self.space.columns(self.values, names))
+
+    @names_checked
+    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write the points in display units, one column for each parameter.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        header = ",".join(f"{n} [{u}]" if u else n for n, u in self.space.units.items())
+        np.savetxt(path, self.values / self.space.factors, delimiter=",", header=header, comments="", fmt="%.12g")
+        return Path(path)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the points as an xarray Dataset with dimension run.
+
+        Returns
+        -------
+        xarray.Dataset
+            A variable for each parameter, in SI.
+        """
+        import xarray  # slow to import
+
+        return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
 
 
 def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarray:

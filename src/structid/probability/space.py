@@ -1,13 +1,10 @@
-"""Parameter spaces: named parameters with prior distributions, correlation and derived parameters; designs of points."""
+"""Parameter spaces: named parameters with prior distributions, correlation and derived parameters."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import scipy
@@ -18,91 +15,9 @@ from structid.notebook import ShownAsText
 from structid.probability import copula
 from structid.probability.bijections import Bijection
 from structid.probability.derived import Derivation, derivations
-from structid.probability.designs import unit_design
+from structid.probability.designs import Design, unit_design
 from structid.probability.truncation import Marginal
 from structid.units import factor
-
-if TYPE_CHECKING:
-    import xarray
-
-
-@dataclass(frozen=True)
-class Design:
-    """Points of a parameter space.
-
-    Parameters
-    ----------
-    values : ndarray, shape (run, parameter)
-        Points in SI.
-    space : ParameterSpace
-        The space.
-    """
-
-    values: np.ndarray
-    space: ParameterSpace
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns."""
-        return self.space.names
-
-    def __len__(self) -> int:
-        return len(self.values)
-
-    def __getitem__(self, rows: slice | np.ndarray) -> Design:
-        return Design(self.values[rows], self.space)
-
-    def __add__(self, more: Design) -> Design:
-        """The points of this design followed by those of another design of the same space."""
-        if not isinstance(more, Design) or more.space.content_hash != self.space.content_hash:
-            came = f"a {type(more).__name__} of another space"
-            raise InputError("Design + Design", came, "a design of the same space")
-        return Design(np.vstack([self.values, more.values]), self.space)
-
-    def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Values of named parameters, derived ones included.
-
-        Parameters
-        ----------
-        names : sequence of str
-            Names of the parameters.
-
-        Returns
-        -------
-        ndarray, shape (run, name)
-            Values in SI.
-        """
-        return np.asarray(self.space.columns(self.values, names))
-
-    @names_checked
-    def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write the points in display units, one column for each parameter.
-
-        Parameters
-        ----------
-        path : path-like
-            The file.
-
-        Returns
-        -------
-        Path
-            The file written.
-        """
-        header = ",".join(f"{n} [{u}]" if u else n for n, u in self.space.units.items())
-        np.savetxt(path, self.values / self.space.factors, delimiter=",", header=header, comments="", fmt="%.12g")
-        return Path(path)
-
-    def to_xarray(self) -> xarray.Dataset:
-        """Return the points as an xarray Dataset with dimension run.
-
-        Returns
-        -------
-        xarray.Dataset
-            A variable for each parameter, in SI.
-        """
-        import xarray  # slow to import
-
-        return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
 
 
 class ParameterSpace(ShownAsText):
@@ -115,6 +30,9 @@ class ParameterSpace(ShownAsText):
     derived : mapping of str to callable or str, optional
         Parameters derived from others: ``{"gamma": "gamma_ratio * beta"}``, or a function of a mapping from names to
         arrays that works on both NumPy and JAX arrays.
+    coordinates : mapping of str to callable or str, optional
+        Functions of the parameters, in the same words, in which surrogates of a model are fitted where the response depends on
+        them more simply: ``{"log_stiffness": "log(strength**2 / energy)"}``. They change nothing else.
     **marginals : Marginal
         One distribution for each parameter.
 
@@ -130,6 +48,7 @@ class ParameterSpace(ShownAsText):
         self,
         correlation: Mapping[tuple[str, str], float] | np.ndarray | None = None,
         derived: Mapping[str, Derivation | str] | None = None,
+        coordinates: Mapping[str, Derivation | str] | None = None,
         **marginals: Marginal,
     ) -> None:
         for name, marginal in marginals.items():
@@ -142,6 +61,8 @@ class ParameterSpace(ShownAsText):
         self._correlation = copula.correlation_matrix(correlation, self.names)
         self._derived_source = dict(derived or {})
         self._derived = derivations(self._derived_source, self.names)
+        self._coordinate_source = dict(coordinates or {})
+        self._coordinates = derivations(self._coordinate_source, self.all_names, "coordinate")
 
     # --- names and units ----------------------------------------------------------------------------------------
 
@@ -183,9 +104,13 @@ class ParameterSpace(ShownAsText):
     @property
     def content_hash(self) -> str:
         """Hash of names, distributions, derived parameters and correlation."""
-        derived = {n: s if isinstance(s, str) else function_identity(s) for n, s in self._derived_source.items()}
+        derived, coordinates = (
+            {n: s if isinstance(s, str) else function_identity(s) for n, s in source.items()}
+            for source in (self._derived_source, self._coordinate_source)
+        )
         correlation = [] if self._correlation is None else self._correlation.tolist()
-        return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation)
+        more = [coordinates] if coordinates else []
+        return digest({n: m.describe() for n, m in self.marginals.items()}, derived, correlation, *more)
 
     def to_plain(self) -> dict[str, Any]:
         """Describe the space for `from_plain`, ready for JSON; a derived parameter that is a function is only named.
@@ -199,6 +124,7 @@ class ParameterSpace(ShownAsText):
             "marginals": {n: m.to_plain() for n, m in self.marginals.items()},
             "correlation": None if self._correlation is None else self._correlation.tolist(),
             "derived": {n: s if isinstance(s, str) else None for n, s in self._derived_source.items()},
+            "coordinates": {n: s if isinstance(s, str) else None for n, s in self._coordinate_source.items()},
         }
 
     @classmethod
@@ -215,10 +141,12 @@ class ParameterSpace(ShownAsText):
         ParameterSpace
             The same space, but without derived parameters that are functions.
         """
-        derived = {n: s for n, s in plain["derived"].items() if s is not None}
+        derived, coordinates = (
+            {n: s for n, s in plain.get(key, {}).items() if s is not None} for key in ("derived", "coordinates")
+        )
         correlation = None if plain["correlation"] is None else np.array(plain["correlation"])
         marginals = {n: Marginal.from_plain(m) for n, m in plain["marginals"].items()}
-        return cls(correlation, derived, **marginals)
+        return cls(correlation, derived, coordinates, **marginals)
 
     def extended(self, **marginals: Marginal) -> ParameterSpace:
         """Return this space with additional, independent parameters.
@@ -240,7 +168,14 @@ class ParameterSpace(ShownAsText):
         if self._correlation is not None:
             correlation = np.eye(self.dimension + len(marginals))
             correlation[: self.dimension, : self.dimension] = self._correlation
-        return ParameterSpace(correlation, self._derived_source, **{**self.marginals, **marginals})
+        return ParameterSpace(
+            correlation, self._derived_source, self._coordinate_source, **{**self.marginals, **marginals}
+        )
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates in which surrogates are fitted; none where these are the parameters themselves."""
+        return tuple(self._coordinates)
 
     # --- values -------------------------------------------------------------------------------------------------
 
@@ -290,6 +225,27 @@ class ParameterSpace(ShownAsText):
         values = self.complete(theta)
         shape = theta.shape[:-1]
         return jnp.stack([jnp.broadcast_to(values[n], shape) for n in names], axis=-1) if names else theta[..., :0]
+
+    def in_coordinates(self, theta: Any) -> Any:
+        """Values of the coordinates.
+
+        Parameters
+        ----------
+        theta : array, shape (..., parameter)
+            Points in SI, NumPy or JAX.
+
+        Returns
+        -------
+        array, shape (..., coordinate)
+            Of the kind that `theta` is.
+        """
+        values = self.complete(theta)
+        columns = [of(values) for of in self._coordinates.values()]
+        if isinstance(theta, np.ndarray):
+            return np.stack([np.broadcast_to(np.asarray(c), theta.shape[:-1]) for c in columns], axis=-1)
+        from structid.device import jnp
+
+        return jnp.stack([jnp.broadcast_to(c, theta.shape[:-1]) for c in columns], axis=-1)
 
     @names_checked
     def sample(self, count: int, seed: int, method: str = "latin_hypercube", widen: float = 1.0) -> Design:

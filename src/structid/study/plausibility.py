@@ -14,7 +14,7 @@ from structid.figures import response as figures
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.observation import Observation
 from structid.models.prior_checks import unstable_in_words, unstable_share
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import factor
 

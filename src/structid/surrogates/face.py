@@ -20,7 +20,7 @@ from structid.histories import Histories
 from structid.journal import digest
 from structid.models.face import Progress, StandIn
 from structid.models.traceable import TraceableModel
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates import storage
 from structid.surrogates.fit import Fit, run_digests

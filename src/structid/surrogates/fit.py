@@ -12,7 +12,8 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.journal import digest
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.runs import Runs
 
 FEWEST_RUNS = 10

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from structid.errors import InputError
-from structid.probability.space import Design
+from structid.probability.designs import Design
 
 FEWEST_TRAINING_RUNS = 3
 """A regression needs at least this many runs."""

@@ -9,10 +9,11 @@ import numpy as np
 
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.in_coordinates import InCoordinates
 from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.regression import Regression
 
-REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, KrigingPredictor)}
+REGRESSIONS: dict[str, Any] = {kind.word: kind for kind in (ChaosExpansion, KrigingPredictor, InCoordinates)}
 """A new class of regression is a line here."""
 
 

@@ -17,7 +17,7 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.units import factor
 

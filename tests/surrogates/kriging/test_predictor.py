@@ -5,7 +5,7 @@ import pytest
 
 import structid as si
 from structid.errors import InputError
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.surrogates.kriging.hyperparameters import HyperparameterObjective
 from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFactors
 

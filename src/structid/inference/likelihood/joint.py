@@ -159,7 +159,7 @@ class JointLikelihood:
         if not hidden:
             return model, np.asarray(self.model_parameters(theta)), None
         known = self.space.columns(theta, [name for name in model.free if name not in hidden])
-        drawn = ParameterSpace(None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
+        drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
         return model, np.concatenate([known, drawn], axis=1), None
 
     def points(self, theta: np.ndarray) -> np.ndarray:

@@ -18,6 +18,9 @@ from structid.mechanics.lanes.values import MOVES
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
 
+AT_ONCE = 256
+"""Runs that JAX does in one call: matrices of more do not stay in the caches, or fill the memory."""
+
 
 def foreign_results(function: Function) -> list[Any]:
     """Find results of operations on a run's numbers that have no vector code.
@@ -115,4 +118,9 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[np.ndarray],
         return jnp.concatenate([jnp.ravel(known[v]).astype(float) for v in results])
 
     compiled = jax.jit(jax.vmap(of_one_run, out_axes=1))
-    return lambda theta: np.asarray(compiled(theta))
+
+    def of_rows(theta: np.ndarray) -> np.ndarray:
+        parts = [compiled(theta[first : first + AT_ONCE]) for first in range(0, len(theta), AT_ONCE)]
+        return np.concatenate([np.asarray(part) for part in parts], axis=1)
+
+    return of_rows

@@ -14,7 +14,8 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Sampler
 from structid.journal import digest
 from structid.models.face import Model
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.study.building.named_kind import kind_named
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates import registry

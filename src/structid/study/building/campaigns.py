@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from structid.ground_motion.record import GroundMotion
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.study.building.named_kind import kind_named
 from structid.study.building.records import load_record
 from structid.study.schema.static_tables import CampaignSection

@@ -11,7 +11,7 @@ from structid.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
 from structid.inference.sample import check_memory
 from structid.optimize.region import region
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
 from structid.surrogates.registry import DEFAULT

@@ -102,7 +102,7 @@ def parameter_space(file: StudyFile) -> ParameterSpace:
     Returns
     -------
     ParameterSpace
-        Priors, derived parameters, correlation.
+        Priors, derived parameters, coordinates, correlation.
     """
     priors = {name: parameter_prior(file, name) for name in file.parameters}
     correlation = {}
@@ -111,7 +111,7 @@ def parameter_space(file: StudyFile) -> ParameterSpace:
         if len(names) != 2:
             raise InputError(f"key 'correlation.{pair}'", f"'{pair}'", 'two names, such as "stiffness, alpha" = 0.4')
         correlation[names[0], names[1]] = value
-    return ParameterSpace(correlation or None, file.derived, **priors)
+    return ParameterSpace(correlation or None, file.derived, file.coordinates, **priors)
 
 
 def known_or_prior(value: float | str | PriorSection | None, key: str, unit: str) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from structid.fem import wall_kind
 from structid.models import bouc_wen, shear_frame
 from structid.models.kind import ModelKind
 from structid.study.kinds import external_models
@@ -9,6 +10,7 @@ from structid.study.kinds import external_models
 MODELS: tuple[ModelKind, ...] = (
     bouc_wen.KIND,
     shear_frame.KIND,
+    wall_kind.KIND,
     external_models.PYTHON,
     external_models.PROGRAM,
     external_models.UMBRIDGE,

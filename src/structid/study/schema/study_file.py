@@ -54,6 +54,7 @@ class StudyFile(Section):
     model: ModelSection
     parameters: dict[str, PriorSection] = Field(min_length=1)
     derived: dict[str, str] = Field(default_factory=dict)
+    coordinates: dict[str, str] = Field(default_factory=dict)
     correlation: dict[str, float] = Field(default_factory=dict)
     observation: Annotated[
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)

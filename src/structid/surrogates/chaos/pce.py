@@ -13,7 +13,8 @@ import numpy as np
 
 from structid.errors import InputError, check_choice, names_checked
 from structid.models.face import Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.chaos.lars import SparseFit, SparseRegression, least_squares, nested_least_squares
 from structid.surrogates.chaos.multi_indices import by_degree, multi_indices

@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.errors import InputError, check_choice, names_checked
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.streams import Purpose, stream
 from structid.surrogates.chaos.multi_indices import multi_indices
 from structid.surrogates.chaos.pce import PCE

@@ -10,7 +10,8 @@ import numpy as np
 from structid.errors import InputError, Status, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.kind import SurrogateKind

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.chaos.multi_indices import multi_indices

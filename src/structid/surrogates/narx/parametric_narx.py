@@ -17,7 +17,8 @@ from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.runs import InMemory, Runs
 from structid.surrogates.face import Surrogate
 from structid.surrogates.fit import Fit

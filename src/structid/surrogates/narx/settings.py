@@ -16,7 +16,8 @@ from pydantic import Field
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
 from structid.keys import Seconds
-from structid.probability.space import Design, ParameterSpace
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, stream
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
 from structid.surrogates.narx.experiments import Signals

@@ -11,7 +11,7 @@ import numpy as np
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates.fit import (
     Fit,
@@ -23,6 +23,7 @@ from structid.surrogates.fit import (
     fitting_runs,
     run_digests,
 )
+from structid.surrogates.in_coordinates import fitted_in_coordinates
 from structid.surrogates.pod.principal_components import principal_components
 from structid.surrogates.pod.record_fit import RecordFit
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
@@ -134,6 +135,8 @@ def _fit_record(runs: Runs, regression: ScoreRegression, left_out_energy: float,
         )
     table = (values / scale).reshape(len(values), -1)
     mean, modes, scores, truncation = principal_components(table, left_out_energy)
-    predictor = regression(record.content_hash, runs.design, scores, progress)
+    predictor = fitted_in_coordinates(
+        runs.design, lambda design: regression(record.content_hash, design, scores, progress)
+    )
     deviation = np.sqrt(predictor.leave_one_out_error * scores.var(axis=0))
     return RecordFit(record.name, len(record), mean, modes, truncation, scale, predictor, deviation)

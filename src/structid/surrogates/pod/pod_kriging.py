@@ -11,9 +11,10 @@ import numpy as np
 from structid.errors import names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates.fit import OutsideRule
+from structid.surrogates.in_coordinates import InCoordinates
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
 from structid.surrogates.kriging.predictor import KrigingPredictor
@@ -97,7 +98,8 @@ class PODKriging:
         known = {} if start is None else start.records
 
         def regression(content_hash: str, design: Design, scores: np.ndarray, tell: Progress) -> KrigingPredictor:
-            before = known[content_hash].scores if content_hash in known else None
+            before: Any = known[content_hash].scores if content_hash in known else None
+            before = before.inner if isinstance(before, InCoordinates) else before
             return self.kriging.fit(design, scores, tell, before if isinstance(before, KrigingPredictor) else None)
 
         return fit_records(self, regression, runs, progress)

@@ -11,7 +11,7 @@ from pydantic import Field
 from structid.errors import names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
-from structid.probability.space import Design
+from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.fit import OutsideRule

@@ -1,0 +1,159 @@
+"""Regressions in the coordinates of a parameter space: functions of its parameters on which the outputs depend more simply."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.probability.designs import Design
+from structid.probability.marginals import Uniform
+from structid.probability.space import ParameterSpace
+from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
+from structid.surrogates.kriging.predictor import KrigingPredictor
+from structid.surrogates.regression import Regression
+
+
+@dataclass(frozen=True, eq=False)
+class InCoordinates:
+    """A regression on the coordinates of a space.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        With its coordinates.
+    inner : Regression
+        On the coordinates, which it takes for uniformly distributed over the range of the runs.
+    """
+
+    word: ClassVar[str] = "InCoordinates"
+    space: ParameterSpace
+    inner: Any
+
+    @property
+    def leave_one_out_error(self) -> np.ndarray:
+        """See `Regression.leave_one_out_error`."""
+        return np.asarray(self.inner.leave_one_out_error)
+
+    def predict(self, theta: Any) -> Any:
+        """Predict the outputs; see `Regression.predict`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, output)
+            Means.
+        """
+        return self.inner.predict(self.space.in_coordinates(theta))
+
+    def deviation(self, theta: Any) -> Any | None:
+        """Predict the standard deviations; see `Regression.deviation`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        array, shape (run, output), or None
+            As of the inner regression.
+        """
+        return self.inner.deviation(self.space.in_coordinates(theta))
+
+    def predict_with_deviation(self, theta: Any) -> tuple[Any, Any | None]:
+        """Predict both; see `Regression.predict_with_deviation`.
+
+        Parameters
+        ----------
+        theta : ndarray or jax.Array, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        tuple of array, or of array and None, shape (run, output)
+            Means and standard deviations.
+        """
+        found: tuple[Any, Any | None] = self.inner.predict_with_deviation(self.space.in_coordinates(theta))
+        return found
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Return the contents for a file; see `Regression.to_plain`.
+
+        Returns
+        -------
+        tuple of dict
+            Those of the inner regression, and the range of the coordinates.
+        """
+        plain, arrays = self.inner.to_plain()
+        return {"word": self.inner.word, "space": self.inner_space.to_plain(), "inner": plain}, arrays
+
+    @property
+    def inner_space(self) -> ParameterSpace:
+        """Space of the coordinates."""
+        found: ParameterSpace = self.inner.basis.space if isinstance(self.inner, ChaosExpansion) else self.inner.space
+        return found
+
+    @classmethod
+    def from_plain(
+        cls, space: ParameterSpace, plain: Mapping[str, Any], arrays: Mapping[str, np.ndarray]
+    ) -> InCoordinates:
+        """Make a regression again from what `to_plain` gave.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            With its coordinates.
+        plain : mapping
+            What JSON can say.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        InCoordinates
+            The same regression.
+        """
+        kind: Any = ChaosExpansion if plain["word"] == ChaosExpansion.word else KrigingPredictor
+        return cls(space, kind.from_plain(ParameterSpace.from_plain(plain["space"]), plain["inner"], arrays))
+
+
+def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
+    """Fit a regression, in the coordinates of its space where it has some.
+
+    Parameters
+    ----------
+    design : Design
+        Points.
+    fit : callable
+        Fits a regression to a design.
+
+    Returns
+    -------
+    Regression
+        On the parameters.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite at a point, or is the same at all of them.
+    """
+    space: ParameterSpace = design.space
+    if not space.coordinates:
+        return fit(design)
+    values = np.asarray(space.in_coordinates(design.values), dtype=np.float64)
+    low, high = values.min(axis=0), values.max(axis=0)
+    for name, least, most in zip(space.coordinates, low, high, strict=True):
+        if not (np.isfinite([least, most]).all() and most > least):
+            raise InputError(
+                f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a coordinate that is finite and varies"
+            )
+    ranges = {n: Uniform(float(a), float(b)) for n, a, b in zip(space.coordinates, low, high, strict=True)}
+    return InCoordinates(space, fit(Design(values, ParameterSpace(None, None, None, **ranges))))
