@@ -39,8 +39,20 @@ STANDARD_CHANNELS = {
     "absorbed_energy": ChannelUnit("J", "J"),
     "drift": ChannelUnit("m", "mm"),
     "base_shear": ChannelUnit("N", "kN"),
+    "largest_opening": ChannelUnit("m", "mm"),
+    "largest_slip": ChannelUnit("m", "mm"),
+    "largest_penetration": ChannelUnit("m", "mm"),
+    "kinetic_energy": ChannelUnit("J", "J"),
+    "strain_energy": ChannelUnit("J", "J"),
+    "joint_energy": ChannelUnit("J", "J"),
+    "damping_energy": ChannelUnit("J", "J"),
+    "input_energy": ChannelUnit("J", "J"),
+    "load_energy": ChannelUnit("J", "J"),
 }
 """Units of the names that built-in models use. A model with other channels declares their units itself."""
+
+OF_A_POINT = ("ux_", "uy_")
+"""How names of displacements of a point begin: ``"ux_top_left"`` is its horizontal one."""
 
 
 def base_channel(channel: str) -> str:
@@ -73,7 +85,8 @@ def standard_unit(channel: str) -> ChannelUnit:
     ChannelUnit
         `UNKNOWN` for a name that is not standard.
     """
-    return STANDARD_CHANNELS.get(base_channel(channel), UNKNOWN)
+    of_a_point = STANDARD_CHANNELS["displacement"] if channel.startswith(OF_A_POINT) else UNKNOWN
+    return STANDARD_CHANNELS.get(base_channel(channel), of_a_point)
 
 
 def declared_unit(channel: str, unit: str) -> ChannelUnit:

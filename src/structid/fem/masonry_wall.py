@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from jax import lax
 
-from structid.channels import ChannelUnit
 from structid.errors import InputError, check_choice, names_checked
 from structid.fem.assembly import Assembly, Masonry
 from structid.fem.condensed import Condensed
 from structid.fem.layout import Wall
 from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
-from structid.fem.wall_channels import WallChannels, Works, channel_unit, check_wall_channels
+from structid.fem.wall_channels import WallChannels, Works, check_wall_channels
 from structid.fem.wall_motion import WallState, start, stepping
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
@@ -220,11 +219,6 @@ class MasonryWall(TraceableModel):
         return TimeLoop(beginning, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
 
     # --- what others ask ----------------------------------------------------------------------------------------
-
-    @property
-    def channel_units(self) -> dict[str, ChannelUnit]:
-        """SI unit and display unit of every channel."""
-        return {channel: channel_unit(channel) for channel in self.channels}
 
     @property
     def loop_channels(self) -> tuple[str, str, str]:

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from structid.channels import ChannelUnit
 from structid.device import jnp
 from structid.errors import InputError, suggestion
 from structid.fem.condensed import Condensed
@@ -20,21 +19,11 @@ from structid.fem.wall_motion import WallState
 from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.mechanics.lanes.block_sparse import SparseMatrix
 
-LENGTH, FORCE, ENERGY = ChannelUnit("m", "mm"), ChannelUnit("N", "kN"), ChannelUnit("J", "J")
-CHANNELS = {
-    "drift": LENGTH,
-    "base_shear": FORCE,
-    "largest_opening": LENGTH,
-    "largest_slip": LENGTH,
-    "largest_penetration": LENGTH,
-    "kinetic_energy": ENERGY,
-    "strain_energy": ENERGY,
-    "joint_energy": ENERGY,
-    "damping_energy": ENERGY,
-    "input_energy": ENERGY,
-    "load_energy": ENERGY,
-}
-"""Channels besides displacements, and their units."""
+CHANNELS = (
+    *("drift", "base_shear", "largest_opening", "largest_slip", "largest_penetration"),
+    *("kinetic_energy", "strain_energy", "joint_energy", "damping_energy", "input_energy", "load_energy"),
+)
+"""Channels besides displacements of points."""
 ADDED_UP = ("joint_energy", "damping_energy", "input_energy")
 """Energies that are sums over all steps."""
 _POINT = re.compile(r"u([xy])_(top_left|top_right|node_(\d+))")
@@ -53,22 +42,6 @@ class Works(NamedTuple):
     joints: Any
     damping: Any
     base: Any
-
-
-def channel_unit(channel: str) -> ChannelUnit:
-    """Give the units of a channel.
-
-    Parameters
-    ----------
-    channel : str
-        A known one.
-
-    Returns
-    -------
-    ChannelUnit
-        SI unit and display unit.
-    """
-    return CHANNELS.get(channel, LENGTH)
 
 
 def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -40,8 +41,16 @@ def _label(name: str, unit: str) -> str:
     return label(pretty(name), pretty_unit(unit))
 
 
-def _label_in_two_lines(name: str, unit: str) -> str:
-    return _label(name, unit).replace(" [", "\n[")
+LONGEST_LABEL = 13
+"""Letters of a label's line beside a small panel."""
+
+
+def _label_in_lines(name: str, unit: str) -> str:
+    """Name over its unit; a long name over two lines."""
+    words, *rest = _label(name, unit).split(" [")
+    if len(words) > LONGEST_LABEL:
+        words = "\n".join(textwrap.wrap(words, LONGEST_LABEL))
+    return "\n[".join([words, *rest])
 
 
 def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[str]]:
@@ -211,9 +220,9 @@ def pairs(
             axis.tick_params(labelsize=6.5, labelleft=j == 0 and i > 0, labelbottom=i == count - 1)
             if i == count - 1:
                 axis.tick_params(axis="x", rotation=30)
-                axis.set_xlabel(_label_in_two_lines(names[j], units[j]), fontsize=7.5)
+                axis.set_xlabel(_label_in_lines(names[j], units[j]), fontsize=7.5)
             if j == 0:
-                axis.set_ylabel(_label_in_two_lines(names[i], units[i]), fontsize=7.5)
+                axis.set_ylabel(_label_in_lines(names[i], units[i]), fontsize=7.5)
     return finish(figure, title, save)
 
 

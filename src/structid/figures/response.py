@@ -364,6 +364,7 @@ def residuals(
     name_axes(left, ("lag", "s"), ("", ""))
     middle.axhline(1.0, color=MUTED, lw=1.2)
     middle.loglog(frequency, spectrum, color=ACCENT, lw=0.9)
+    plain_ticks(middle.xaxis)
     plain_ticks(middle.yaxis)
     middle.set_title("power over that of white noise", loc="left")
     name_axes(middle, ("frequency", "Hz"), ("", ""))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -271,9 +272,9 @@ def pretty_unit(unit: str) -> str:
     Returns
     -------
     str
-        Such as ``"(m/s)²"``.
+        Such as ``"(m/s)²"``, and ``"m²"`` for ``"(m)^2"``.
     """
-    return unit.replace("^2", "²").replace("^3", "³").replace("*", "·")
+    return re.sub(r"\((\w+)\)\^", r"\1^", unit).replace("^2", "²").replace("^3", "³").replace("*", "·")
 
 
 def thin(count: int, most: int = 4000) -> slice:

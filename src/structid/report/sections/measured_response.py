@@ -96,7 +96,7 @@ def _energy(predicted: _Predicted, folder: Path) -> Picture:
         (low, high),
         save=folder / name,
     )
-    return Picture(name, "Energy absorbed by the spring.")
+    return Picture(name, "Absorbed energy.")
 
 
 SECTION = Section(
