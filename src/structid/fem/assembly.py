@@ -74,7 +74,7 @@ class Assembly:
         for nodes, dofs in zip(self.mesh.blocks, self._block_dofs, strict=True):
             own = block_mass(self.mesh.nodes[nodes], self.mesh.wall.thickness, self.masonry.density)
             full[np.ix_(dofs, dofs)] += own
-        for node, share in self._beam_shares(everywhere=True):
+        for node, share in self.beam_shares(everywhere=True):
             for dof in (2 * node, 2 * node + 1):
                 full[dof, dof] += self.masonry.upper_mass * share
         return self._freed(full)
@@ -125,7 +125,7 @@ class Assembly:
     def load(self) -> np.ndarray:
         """Vertical load on the beam, shape (dof,) [N]."""
         full = np.zeros(2 * len(self.mesh.nodes))
-        for node, share in self._beam_shares(everywhere=False):
+        for node, share in self.beam_shares(everywhere=False):
             full[2 * node + 1] -= self.masonry.vertical_load * share
         return np.asarray(full[self.mesh.free])
 
@@ -160,8 +160,19 @@ class Assembly:
     def _block_dofs(self) -> np.ndarray:
         return np.stack([2 * self.mesh.blocks, 2 * self.mesh.blocks + 1], axis=-1).reshape(len(self.mesh.blocks), 8)
 
-    def _beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
-        """Nodes of the beam with their shares by tributary length, half of a block's to each end: of all blocks, or above piers."""
+    def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
+        """Nodes of the beam with their shares by tributary length, half of a block's to each end.
+
+        Parameters
+        ----------
+        everywhere : bool
+            Of all blocks under the beam, or of those above bays that reach the base.
+
+        Returns
+        -------
+        list of tuple of int and float
+            Node and share; the shares add up to one.
+        """
         mesh, found = self.mesh, []
         standing = [(mesh.nodes[b[0], 0], mesh.nodes[b[1], 0]) for b in mesh.blocks if mesh.nodes[b[0], 1] == 0.0]
         for block in mesh.top_blocks:

@@ -225,7 +225,7 @@ class DamageFriction(JointLaw):
             The tangent is that of the closed-form return.
         """
         xp = namespace(opening)
-        kappa, slipped = memory
+        kappa, slipped = memory[0], memory[1]
         k_n, k_t = law.normal_stiffness, law.tangential_stiffness
         apart = opening >= 0.0
         x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
@@ -269,7 +269,7 @@ class DamageFriction(JointLaw):
             After it.
         """
         xp = namespace(opening)
-        kappa, slipped = memory
+        kappa, slipped = memory[0], memory[1]
         apart, k_t = opening >= 0.0, law.tangential_stiffness
         x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
         limit = law.friction * xp.where(apart, 0.0, -law.normal_stiffness * opening)

@@ -1,0 +1,225 @@
+"""The question: what does the masonry façade cost, what does its box of parameters do, and how well do surrogates know it.
+
+Run with ``python benchmarks/facade.py [--quick]``. El Centro comes from ``../shared/data``. OpenSeesPy, if it is installed, runs
+the same blocks beside it, with joints whose tractions do not depend on one another.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from typing import Any
+
+import common
+import numpy as np
+import opensees_wall
+
+import structid as si
+from structid.device import over_runs
+from structid.fem.assembly import Assembly
+from structid.fem.dense_newton import DenseWall, simulate
+from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
+from structid.mechanics.lanes import machine
+
+NAME = "facade"
+EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
+STEP = 1e-3
+BOX = dict(
+    normal_energy=si.Uniform(1e3, 10e3), normal_strength=si.Uniform(0.87e6, 1.23e6),
+    tangential_energy=si.Uniform(0.5e5, 8e5), tangential_strength=si.Uniform(0.3e6, 3.7e6),
+)  # fmt: skip
+COORDINATES = {
+    "log_normal_stiffness": "log(normal_strength**2 / normal_energy)",
+    "log_normal_strength": "log(normal_strength)",
+    "log_tangential_stiffness": "log(tangential_strength**2 / tangential_energy)",
+    "log_tangential_strength": "log(tangential_strength)",
+}
+MONITORED = ("ux_top_left", "uy_top_left", "uy_top_right")
+POINT = np.array([3e3, 0.95e6, 2e5, 0.6e6])
+LIMITS = {0.065: 0.42, 0.100: 0.31, 0.130: 0.225, 0.150: 0.20, 0.200: 0.15, 0.250: 0.019}
+"""Drifts [m], and the shares of the box that pass them in another program."""
+THESIS_SECONDS = 40.0
+
+
+def el_centro() -> si.GroundMotion:
+    """The record of the published study, 2.5 s."""
+    record = si.GroundMotion.read(EL_CENTRO).lowpass(20.0, order=3)
+    return record.scale_to_pga(6.36).trim(1.0, 3.5)
+
+
+def wall(*channels: str) -> si.MasonryWall:
+    return si.MasonryWall(free=tuple(BOX), channels=channels, step=STEP)
+
+
+# --- cost -----------------------------------------------------------------------------------------------------------
+
+
+def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
+    """Seconds of a run: in lanes, by JAX, dense, in OpenSees."""
+    space, model = si.ParameterSpace(**BOX), wall("ux_top_left")
+    batches = (8, 64) if quick else (8, 64, 512)
+    designs = {count: space.sample(count, seed=count).values for count in batches}
+    for theta in designs.values():
+        model.simulate(theta, record)  # compiled, and every shape of what JAX does first
+    timings = common.interleaved(
+        {str(count): partial(model.simulate, theta, record) for count, theta in designs.items()},
+        1 if quick else 5,
+    )
+    rows = []
+    for count in batches:
+        timing = timings[str(count)]
+        rows.append(
+            [f"condensed, in lanes, {count} at once", f"{timing.cpu_median / count:.4f}", f"{timing.median / count:.4f}",
+             f"{THESIS_SECONDS * count / timing.cpu_median:,.0f}", "0.04, stretch 0.02"]
+        )  # fmt: skip
+    by_jax, traced = over_runs(model.response, (2, 0)), model.traced(record)
+    rows.append(_timed("condensed, by JAX, 8 at once", partial(by_jax, designs[8], traced), 8))
+    base = np.interp(STEP * np.arange(round(record.duration / STEP) + 1), record.time, record.values)
+    base = base[:251] if quick else base
+    assembly = Assembly(model.mesh, model.masonry)
+    dense = DenseWall(assembly, SmcNp2(), cohesive_law(*POINT))
+    scale = round(record.duration / STEP) / (len(base) - 1)
+    rows.append(_timed("dense Newton, NumPy", lambda: simulate(dense, base, STEP), 1, scale))
+    theirs = _in_opensees(assembly, base)
+    if theirs is not None:
+        rows.append(_timed("OpenSeesPy, uncoupled joints", theirs, 1, scale))
+    return rows
+
+
+def _timed(name: str, call: Any, runs: int, scale: float = 1.0) -> list[str]:
+    call()
+    timing = common.interleaved({name: call}, 3)[name]
+    cpu, wall_clock = scale * timing.cpu_median / runs, scale * timing.median / runs
+    return [name, f"{cpu:.4f}", f"{wall_clock:.4f}", f"{THESIS_SECONDS / cpu:,.0f}", ""]
+
+
+def _in_opensees(assembly: Assembly, base: np.ndarray) -> Any:
+    try:
+        import openseespy.opensees as ops
+    except (ImportError, RuntimeError) as error:
+        print(f"skipped: OpenSeesPy cannot be imported ({error})")
+        return None
+    joints = opensees_wall.Uncoupled(cohesive_law(*POINT))
+
+    def run() -> None:
+        opensees_wall.build(ops, assembly, joints)
+        opensees_wall.loaded(ops, assembly)
+        opensees_wall.shaken(ops, base, STEP, 0.427, 9.8e-4, assembly.mesh.corner("top_left"))
+
+    return run
+
+
+def set_up_rows() -> list[list[str]]:
+    """Seconds until the first eight runs are there, with an empty cache of compiled code and with a warm one."""
+    with tempfile.TemporaryDirectory() as cache:
+        seconds = []
+        for _ in range(2):
+            process = [sys.executable, "-W", "ignore", __file__, "--alone"]
+            environment = os.environ | {"XDG_CACHE_HOME": cache}
+            said = subprocess.run(process, env=environment, capture_output=True, text=True, check=True)
+            seconds.append(float(said.stdout))
+    return [["the first eight runs of a process", f"{seconds[0]:.1f}", f"{seconds[1]:.1f}"]]
+
+
+def alone() -> None:
+    """Eight runs in this process, which has done nothing before."""
+    record, theta = el_centro(), si.ParameterSpace(**BOX).sample(8, seed=1)
+    began = time.perf_counter()
+    wall("ux_top_left").simulate(theta, record)
+    print(time.perf_counter() - began)
+
+
+# --- the box --------------------------------------------------------------------------------------------------------
+
+
+def box_rows(record: si.GroundMotion, runs: int) -> tuple[list[list[str]], str]:
+    """Shares of the box that pass a drift, and how long all its runs take."""
+    design = si.ParameterSpace(**BOX).sample(runs, seed=1)
+    model = wall("drift")
+    model.simulate(design[:256], record)
+    began = time.perf_counter()
+    drift = model.simulate(design, record)
+    seconds = time.perf_counter() - began
+    rows = []
+    for limit, expected in LIMITS.items():
+        times = si.first_passage(drift, "drift", limit)
+        share, error = np.isfinite(times).mean(), 2.0 * np.sqrt(expected * (1.0 - expected) * (1.0 / runs + 1.0 / 2000))
+        rows.append([f"{1e3 * limit:.0f}", f"{share:.1%}", f"{expected:.1%}", f"{error:.1%}",
+                     f"{np.nanmin(times):.2f} to {np.nanmax(times):.2f}"])  # fmt: skip
+    peaks = 1e3 * np.quantile(np.abs(drift.channel("drift")).max(axis=1), [0.05, 0.25, 0.5, 0.75, 0.95])
+    told = (
+        f"{runs:,} runs take {seconds:.0f} s on this machine ({seconds / runs * 1e3:.1f} ms a run; limit 24 ms), and "
+        f"{int((~drift.done).sum())} do not converge. Peak drift, quantiles 5, 25, 50, 75, 95 %: "
+        f"{', '.join(f'{p:.0f}' for p in peaks)} mm (19, 37, 54, 125, 228 in the other program)."
+    )
+    return rows, told
+
+
+# --- surrogates -----------------------------------------------------------------------------------------------------
+
+
+def surrogate_rows(record: si.GroundMotion, sizes: tuple[int, ...], unseen: int) -> list[list[str]]:
+    """Errors of a PODKriging over the whole box, in the coordinates and in the parameters themselves."""
+    rows, model = [], wall(*MONITORED)
+    for size in sizes:
+        for coordinates in (COORDINATES, None):
+            space = si.ParameterSpace(coordinates=coordinates, **BOX)
+            runs = si.Campaign(model, record, space.sample(size, seed=1)).run()
+            others = si.Campaign(model, record, space.sample(unseen, seed=2)).run()
+            surrogate = si.PODKriging().fit(runs)
+            found = surrogate.validate(others)
+            rows.append(
+                [f"{size}", "log stiffness, log strength" if coordinates else "energies, strengths", f"{found.mean:.4f}",
+                 f"{found.median:.4f}", f"{surrogate.fitted.seconds:.1f}",
+                 "0.03; 0.008" if size == 900 and coordinates else ""]
+            )  # fmt: skip
+    return rows
+
+
+def main() -> None:
+    if "--alone" in sys.argv:
+        alone()
+        return
+    quick = common.is_quick(__doc__.splitlines()[0])
+    record = el_centro()
+    costs, set_up = cost_rows(record, quick), set_up_rows()
+    box, told = box_rows(record, 64 if quick else 10_000)
+    surrogates = surrogate_rows(record, (60,) if quick else (300, 900), 20 if quick else 100)
+    heads = {
+        "cost": ["2.5 s at 1 ms", "s of one core a run", "s a run, all cores", "times the source's 40 s", "limit"],
+        "set up": ["", "empty cache [s]", "warm cache [s]"],
+        "box": ["drift [mm]", "passed", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
+        "surrogates": ["runs", "fitted in", "mean error", "median", "fit [s]", "limit: mean; median"],
+    }
+    text = f"""## The masonry façade
+
+`benchmarks/facade.py`. {common.machine("openseespy")}. Engine: {machine.engine()}.
+
+15 blocks, 34 cohesive joints, 112 degrees of freedom, El Centro. OpenSees has the same blocks and joints whose tractions depend
+on one jump each, which is all it has; with these the two agree (`tests/verification/test_facade_opensees.py`).
+
+{common.markdown_table(heads["cost"], costs)}
+
+{common.markdown_table(heads["set up"], set_up)}
+
+**The box** of the source's four parameters, Latin hypercube. {told}
+
+{common.markdown_table(heads["box"], box)}
+
+**Surrogates** over the whole box, three channels, errors of unseen runs:
+
+{common.markdown_table(heads["surrogates"], surrogates)}
+"""
+    common.record_result(
+        NAME, quick=quick, machine=common.machine(), cost=costs, box=box, surrogates=surrogates, told=told
+    )
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
