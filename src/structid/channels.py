@@ -42,6 +42,8 @@ STANDARD_CHANNELS = {
     "largest_opening": ChannelUnit("m", "mm"),
     "largest_slip": ChannelUnit("m", "mm"),
     "largest_penetration": ChannelUnit("m", "mm"),
+    "support_lost": ChannelUnit("", ""),
+    "weakest_joint": ChannelUnit("", ""),
     "kinetic_energy": ChannelUnit("J", "J"),
     "strain_energy": ChannelUnit("J", "J"),
     "joint_energy": ChannelUnit("J", "J"),

@@ -120,3 +120,56 @@ def test_what_it_does_not_respond_to():
     )
     with pytest.raises(InputError, match="prior of 'normal_strength'"):
         free.check_priors(space)
+
+
+# --- runs that end early ----------------------------------------------------------------------------------------------
+
+
+def el_centro(folder):
+    record = si.GroundMotion.read(folder / "RSN6_IMPVALL.I_I-ELC180.AT2").lowpass(20.0, order=3)
+    return record.scale_to_pga(6.36).trim(1.0, 3.5)
+
+
+HARD = np.array([[1.12929502e3, 1.13005280e6, 4.93599522e5, 3.45668213e6], STIFF])
+"""The first one finds no equilibrium at 1.4 s in steps of 10 ms."""
+
+
+def test_a_run_without_equilibrium_is_done_again_in_shorter_steps(strong_motion):
+    record, model = el_centro(strong_motion), MasonryWall(free=NAMES, channels=("drift",), step=1e-2)
+    coarse = super(MasonryWall, model).run(HARD, record)
+    assert coarse.status.tolist() == [si.Status.DIVERGED, si.Status.DONE]
+    found = model.simulate(HARD, record)
+    assert found.done.all()
+    fine = MasonryWall(free=NAMES, channels=("drift",), step=2.5e-3).simulate(HARD[:1], record)
+    np.testing.assert_array_equal(found.values[0], fine.values[0])
+    np.testing.assert_array_equal(found.values[1], coarse.values[1])
+
+
+def test_a_run_without_equilibrium_says_which_joint_it_was(strong_motion, monkeypatch):
+    monkeypatch.setattr("structid.fem.masonry_wall.CUTS", (1,))
+    found = MasonryWall(free=NAMES, channels=("drift",), step=1e-2).simulate(HARD, el_centro(strong_motion))
+    assert found.status.tolist() == [si.Status.DIVERGED, si.Status.DONE] and found.channels == ("drift",)
+    assert "no equilibrium from 1.4" in found.reasons[0] and "the joint between zone" in found.reasons[0]
+    kept = np.isfinite(found.values[0, :, 0])
+    assert 140 < kept.sum() < 150 and kept[: kept.sum()].all()
+
+
+def test_a_wall_that_falls(strong_motion):
+    """At several times the record a strong wall opens a joint by half a block and ends as a structure; a weak one slides."""
+    model = MasonryWall(
+        free=NAMES, channels=("drift", "support_lost"), joint_law="damage-friction", friction=0.3, step=2e-3
+    )
+    record = el_centro(strong_motion).scale_to_pga(45.0)
+    found = model.simulate([STIFF, [3.0, 3e4, 10.0, 5e4]], record)
+    assert found.status.tolist() == [si.Status.STRUCTURE_FAILED, si.Status.DONE]
+    assert "the joint between zone" in found.reasons[0] and "lost what lies on it" in found.reasons[0]
+    lost = found.channel("support_lost")[0]
+    assert np.nanmax(lost) < 1.0 and np.isnan(lost[-1]) and np.isfinite(found.channel("support_lost")[1]).all()
+
+
+def test_limits_of_support():
+    """A bed joint of the left bay: half of 1.2 m sideways, half of 0.4 m up."""
+    mesh = MasonryWall(**dict(zip(NAMES, STIFF, strict=True))).mesh
+    np.testing.assert_allclose(mesh.support[0], [0.2, 0.6])
+    upright = [number for number, joint in enumerate(mesh.joints) if joint.normal == (1.0, 0.0)]
+    assert len(upright) == 12 and np.isinf(mesh.support[upright]).all()

@@ -17,11 +17,14 @@ from structid.fem.layout import Wall
 from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
 from structid.fem.wall_channels import WallChannels, Works, check_wall_channels
+from structid.fem.wall_failure import judged, with_rows
 from structid.fem.wall_motion import WallState, start, stepping
 from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.histories import Histories
 from structid.journal import digest
 from structid.mechanics.cohesive_laws import JOINT_LAWS, CohesiveLaw, cohesive_law
 from structid.mechanics.time_loop import TimeLoop
+from structid.models.face import Map, Progress
 from structid.models.hysteretic_parameters import check_free, finite_number
 from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.probability.space import ParameterSpace
@@ -36,6 +39,10 @@ PARAMETER_UNITS: Mapping[str, str] = {
     "damping_ratio": "",
 }
 """SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, μ, ζ."""
+WATCHED = ("support_lost", "weakest_joint")
+"""Channels by which a run is judged."""
+CUTS = (4, 16, 64)
+"""Parts of a step in which a run is done again where its joints find no equilibrium."""
 OPTIONAL = ("friction", "damping_ratio")
 """Those that have a value where nothing is said, and may be zero."""
 
@@ -80,10 +87,11 @@ class MasonryWall(TraceableModel):
     free : sequence of str
         Parameters that are given with every run, in the order of its columns.
     channels : sequence of str
-        What to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …, ``"drift"`` (of the top left corner from
-        rest), ``"base_shear"``, ``"largest_opening"``, ``"largest_slip"``, ``"largest_penetration"``, and the energies
-        ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``, ``"damping_energy"``, ``"input_energy"`` and
-        ``"load_energy"``.
+        What to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …; ``"drift"`` (of the top left corner from
+        rest), ``"base_shear"``, ``"largest_opening"``, ``"largest_slip"``, ``"largest_penetration"``; ``"support_lost"``, which
+        is 1 where a bed joint has slid by half its length or opened by half a block, and ``"weakest_joint"``, its number in
+        ``mesh.joints``; and the energies ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``, ``"damping_energy"``,
+        ``"input_energy"`` and ``"load_energy"``.
 
     Examples
     --------
@@ -217,6 +225,38 @@ class MasonryWall(TraceableModel):
 
         beginning = start(self.condensed, at_rest, stages[0, 0, 0]), seen.nothing(runs)
         return TimeLoop(beginning, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
+
+    def run(
+        self, theta: np.ndarray, excitation: Excitation, progress: Progress | None = None, map: Map | None = None
+    ) -> Histories:
+        """Run rows of parameters; see `TraceableModel.run`.
+
+        A run whose joints find no equilibrium in a step is done again in shorter steps, down to a 64th. A run in which a bed joint
+        loses what lies on it has failed as a structure, from there on.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            A ground motion.
+        progress, map : callable, optional
+            See `TraceableModel.run`.
+
+        Returns
+        -------
+        Histories
+            A run that fails keeps what came before, and says which joint it was.
+        """
+        watched = replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
+        found = TraceableModel.run(watched, theta, excitation, progress, map)
+        for cut in CUTS:
+            lost = np.flatnonzero(~found.done)
+            if not len(lost):
+                break
+            finer = replace(watched, step=watched.step / cut)
+            found = with_rows(found, lost, TraceableModel.run(finer, theta[lost], excitation))
+        return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
 
     # --- what others ask ----------------------------------------------------------------------------------------
 

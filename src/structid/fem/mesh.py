@@ -82,6 +82,20 @@ class Mesh:
         return np.setdiff1d(np.arange(2 * len(self.nodes)), np.concatenate([2 * self.fixed, 2 * self.fixed + 1]))
 
     @property
+    def support(self) -> np.ndarray:
+        """Opening and slip [m] at which each joint has lost what lies on it, shape (joint, 2).
+
+        A bed joint has when it has slid by half its length, or opened by half the block on it; a joint between neighbours carries
+        nothing, and its limits are infinite.
+        """
+        found = np.full((len(self.joints), 2), np.inf)
+        for number, joint in enumerate(self.joints):
+            if joint.normal[1]:
+                corners = self.nodes[self.blocks[joint.upper[0] // 4]]
+                found[number] = 0.5 * np.ptp(corners[:, 1]), 0.5 * np.ptp(corners[:, 0])
+        return found
+
+    @property
     def top_blocks(self) -> np.ndarray:
         """Blocks under the beam, from the left."""
         tops = self.nodes[self.blocks[:, 2], 1]

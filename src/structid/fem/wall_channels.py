@@ -20,7 +20,7 @@ from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.mechanics.lanes.block_sparse import SparseMatrix
 
 CHANNELS = (
-    *("drift", "base_shear", "largest_opening", "largest_slip", "largest_penetration"),
+    *("drift", "base_shear", "largest_opening", "largest_slip", "largest_penetration", "support_lost", "weakest_joint"),
     *("kinetic_energy", "strain_energy", "joint_energy", "damping_energy", "input_energy", "load_energy"),
 )
 """Channels besides displacements of points."""
@@ -224,6 +224,18 @@ class WallChannels:
                 number += 1
         return jnp.stack(rows)
 
+    def _lost(self, jumps: Any) -> Any:
+        """How much of its support each bed joint has lost, all of it where this is 1, shape (joint, run)."""
+        count, limits = 2 * self.condensed.joints, self.condensed.assembly.mesh.support
+        opened, slid = jumps[0:count:2] / limits[:, :1], jnp.abs(jumps[1:count:2]) / limits[:, 1:]
+        return jnp.maximum(opened, slid)
+
+    def _weakest(self, jumps: Any) -> Any:
+        """Number of the joint that has lost most of its support, shape (run,)."""
+        lost = self._lost(jumps)
+        numbers = jnp.arange(lost.shape[0], dtype=float)[:, None]
+        return jnp.max(jnp.where(lost >= jnp.max(lost, axis=0), numbers, 0.0), axis=0)
+
     def _strain(self, q: Any, jumps: Any) -> Any:
         """Strain energy of blocks and bars, shape (run,)."""
         c = self.condensed
@@ -240,6 +252,8 @@ class WallChannels:
             "largest_opening": lambda s, w, base, top: jnp.max(s.jumps[0:count:2], axis=0),
             "largest_slip": lambda s, w, base, top: jnp.max(jnp.abs(s.jumps[1:count:2]), axis=0),
             "largest_penetration": lambda s, w, base, top: jnp.max(-s.jumps[0:count:2], axis=0),
+            "support_lost": lambda s, w, base, top: jnp.max(self._lost(s.jumps), axis=0),
+            "weakest_joint": lambda s, w, base, top: self._weakest(s.jumps),
             "kinetic_energy": lambda s, w, base, top: 0.5 * jnp.sum(s.rate**2, axis=0),
             "strain_energy": lambda s, w, base, top: self._strain(s.q, s.jumps) - self._strain_at_rest,
             "joint_energy": lambda s, w, base, top: w.joints,
