@@ -11,7 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.device import jnp, over_runs, padded_size
+from structid.device import jnp, over_runs
 from structid.mechanics.lanes.blocks import on_all_cores
 from structid.mechanics.lanes.kernel import ENTRY, Kernel, kernel
 from structid.mechanics.lanes.machine import lanes, load, why_not
@@ -168,8 +168,8 @@ class _Bound:
         arguments = _empty(kernel.taken, stride)
         arguments[:columns, :count], arguments[:columns, count:] = theta.T, theta[-1:].T
         if self._foreign is not None:
-            more = np.repeat(theta[-1:], padded_size(stride) - count, axis=0)
-            arguments[columns:] = self._foreign(np.concatenate([theta, more]))[:, :stride]
+            arguments[columns:, :count] = self._foreign(theta)
+            arguments[columns:, count:] = arguments[columns:, count - 1 : count]
         results, histories = _empty(kernel.rows, stride), _empty(kernel.histories, stride)
         next_block = np.zeros(1, dtype=np.int64)
         given = np.empty(0) if signals is None else signals.in_blocks(kernel.width)

@@ -18,8 +18,8 @@ from structid.mechanics.lanes.values import MOVES
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
 
-AT_ONCE = 256
-"""Runs that JAX does in one call: matrices of more do not stay in the caches, or fill the memory."""
+AT_ONCE = (8, 64, 256)
+"""Runs that JAX does in one call: few shapes are compiled, and matrices of more runs would not stay in the caches."""
 
 
 def foreign_results(function: Function) -> list[Any]:
@@ -120,7 +120,14 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[np.ndarray],
     compiled = jax.jit(jax.vmap(of_one_run, out_axes=1))
 
     def of_rows(theta: np.ndarray) -> np.ndarray:
-        parts = [compiled(theta[first : first + AT_ONCE]) for first in range(0, len(theta), AT_ONCE)]
-        return np.concatenate([np.asarray(part) for part in parts], axis=1)
+        parts, first = [], 0
+        while first < len(theta):
+            left = len(theta) - first
+            size = next((size for size in AT_ONCE if size >= left), AT_ONCE[-1])
+            rows = theta[first : first + size]
+            padded = np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
+            parts.append(np.asarray(compiled(padded))[:, : len(rows)])
+            first += size
+        return np.concatenate(parts, axis=1)
 
     return of_rows
