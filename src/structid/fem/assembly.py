@@ -6,10 +6,13 @@ rounding error in the residual that no iteration removes.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+import scipy
 
 from structid.errors import InputError, names_checked
 from structid.fem.elements import block_mass, block_stiffness
@@ -68,40 +71,51 @@ class Assembly:
     masonry: Masonry
 
     @cached_property
-    def mass(self) -> np.ndarray:
+    def sparse_mass(self) -> scipy.sparse.csr_array:
         """M, shape (dof, dof) [kg]."""
-        full = np.zeros((2 * len(self.mesh.nodes),) * 2)
-        for nodes, dofs in zip(self.mesh.blocks, self._block_dofs, strict=True):
-            own = block_mass(self.mesh.nodes[nodes], self.mesh.wall.thickness, self.masonry.density)
-            full[np.ix_(dofs, dofs)] += own
+        beam = np.zeros(2 * len(self.mesh.nodes))
         for node, share in self.beam_shares(everywhere=True):
-            for dof in (2 * node, 2 * node + 1):
-                full[dof, dof] += self.masonry.upper_mass * share
-        return self._freed(full)
+            beam[2 * node : 2 * node + 2] += self.masonry.upper_mass * share
+        thickness, density = self.mesh.wall.thickness, self.masonry.density
+        blocks = self._of_blocks(lambda corners: block_mass(corners, thickness, density))
+        return self._freed(blocks + scipy.sparse.diags_array(beam))
+
+    @cached_property
+    def mass(self) -> np.ndarray:
+        """M written out, shape (dof, dof) [kg]."""
+        return np.asarray(self.sparse_mass.toarray())
+
+    @cached_property
+    def sparse_block_stiffness(self) -> scipy.sparse.csr_array:
+        """Stiffness of the blocks alone, shape (dof, dof) [N/m]."""
+        thickness, m = self.mesh.wall.thickness, self.masonry
+        return self._freed(self._of_blocks(lambda corners: block_stiffness(corners, thickness, m.modulus, m.poisson)))
 
     @cached_property
     def block_stiffness(self) -> np.ndarray:
-        """Stiffness of the blocks alone, shape (dof, dof) [N/m]."""
-        full, m = np.zeros((2 * len(self.mesh.nodes),) * 2), self.masonry
-        for nodes, dofs in zip(self.mesh.blocks, self._block_dofs, strict=True):
-            corners = self.mesh.nodes[nodes]
-            full[np.ix_(dofs, dofs)] += block_stiffness(corners, self.mesh.wall.thickness, m.modulus, m.poisson)
-        return self._freed(full)
+        """The same written out, shape (dof, dof) [N/m]."""
+        return np.asarray(self.sparse_block_stiffness.toarray())
 
     @cached_property
-    def jumps(self) -> np.ndarray:
+    def sparse_jumps(self) -> scipy.sparse.csr_array:
         """Rows that give opening and slip of every joint, (Δ_n, Δ_t) one after the other, shape (2 joint, dof)."""
-        full = np.zeros((2 * len(self.mesh.joints), 2 * len(self.mesh.nodes)))
+        rows, columns, values = [], [], []
         for number, joint in enumerate(self.mesh.joints):
             n_x, n_y = joint.normal
             # The tangent is horizontal where the normal is vertical, and vertical where it is horizontal.
-            directions = ((n_x, n_y), (n_y, n_x))
-            for row, direction in zip((2 * number, 2 * number + 1), directions, strict=True):
+            for row, direction in ((2 * number, (n_x, n_y)), (2 * number + 1, (n_y, n_x))):
                 for nodes, sign in ((joint.upper, 1.0), (joint.lower, -1.0)):
                     for node, weight in zip(nodes, joint.weights, strict=True):
-                        if node >= 0:
-                            full[row, 2 * node : 2 * node + 2] += sign * weight * np.array(direction)
-        return np.asarray(full[:, self.mesh.free])
+                        if node >= 0 and weight != 0.0:
+                            rows += [row, row]
+                            columns += [2 * node, 2 * node + 1]
+                            values += [sign * weight * direction[0], sign * weight * direction[1]]
+        return self._columns(rows, columns, values, 2 * len(self.mesh.joints))
+
+    @cached_property
+    def jumps(self) -> np.ndarray:
+        """The same written out, shape (2 joint, dof)."""
+        return np.asarray(self.sparse_jumps.toarray())
 
     @cached_property
     def joint_areas(self) -> np.ndarray:
@@ -109,12 +123,17 @@ class Assembly:
         return np.array([joint.area for joint in self.mesh.joints])
 
     @cached_property
-    def elongations(self) -> np.ndarray:
+    def sparse_elongations(self) -> scipy.sparse.csr_array:
         """Rows that give the elongation of every bar, shape (bar, dof). All bars are horizontal."""
-        full = np.zeros((len(self.mesh.bars), 2 * len(self.mesh.nodes)))
-        for row, (one, other) in enumerate(self.mesh.bars):
-            full[row, 2 * one], full[row, 2 * other] = -1.0, 1.0
-        return np.asarray(full[:, self.mesh.free])
+        rows = np.repeat(np.arange(len(self.mesh.bars)), 2)
+        return self._columns(
+            rows, 2 * self.mesh.bars.ravel(), np.tile([-1.0, 1.0], len(self.mesh.bars)), len(self.mesh.bars)
+        )
+
+    @cached_property
+    def elongations(self) -> np.ndarray:
+        """The same written out, shape (bar, dof)."""
+        return np.asarray(self.sparse_elongations.toarray())
 
     @cached_property
     def bar_stiffness(self) -> np.ndarray:
@@ -156,10 +175,6 @@ class Assembly:
         """
         return int(np.searchsorted(self.mesh.free, 2 * node + direction))
 
-    @property
-    def _block_dofs(self) -> np.ndarray:
-        return np.stack([2 * self.mesh.blocks, 2 * self.mesh.blocks + 1], axis=-1).reshape(len(self.mesh.blocks), 8)
-
     def beam_shares(self, everywhere: bool) -> list[tuple[int, float]]:
         """Nodes of the beam with their shares by tributary length, half of a block's to each end.
 
@@ -184,5 +199,18 @@ class Assembly:
         total = sum(share for _, share in found)
         return [(node, share / total) for node, share in found]
 
-    def _freed(self, full: np.ndarray) -> np.ndarray:
-        return np.asarray(full[np.ix_(self.mesh.free, self.mesh.free)])
+    def _of_blocks(self, of_one: Callable[[np.ndarray], np.ndarray]) -> scipy.sparse.csr_array:
+        """Sum of the blocks' matrices over all degrees of freedom."""
+        dofs = np.stack([2 * self.mesh.blocks, 2 * self.mesh.blocks + 1], axis=-1).reshape(len(self.mesh.blocks), 8)
+        values = np.array([of_one(self.mesh.nodes[nodes]) for nodes in self.mesh.blocks])
+        places = np.repeat(dofs, 8, axis=1).ravel(), np.tile(dofs, (1, 8)).ravel()
+        size = 2 * len(self.mesh.nodes)
+        return scipy.sparse.csr_array((values.ravel(), places), shape=(size, size))
+
+    def _columns(self, rows: Any, columns: Any, values: Any, count: int) -> scipy.sparse.csr_array:
+        """Rows over the free degrees of freedom."""
+        full = scipy.sparse.csr_array((values, (rows, columns)), shape=(count, 2 * len(self.mesh.nodes)))
+        return scipy.sparse.csr_array(full[:, self.mesh.free])
+
+    def _freed(self, full: Any) -> scipy.sparse.csr_array:
+        return scipy.sparse.csr_array(scipy.sparse.csr_array(full)[self.mesh.free][:, self.mesh.free])

@@ -6,7 +6,9 @@ The reference of the faster formulations, and what a run falls back on where the
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -31,15 +33,25 @@ class Forces:
     ----------
     internal : ndarray, shape (dof,)
         [N].
-    tangent : ndarray, shape (dof, dof)
+    tangent : matrix, shape (dof, dof)
         [N/m], not symmetric.
     joints : ndarray, shape (2 joint,)
         Forces of the joints on their jumps [N].
     """
 
     internal: np.ndarray
-    tangent: np.ndarray
+    tangent: Any
     joints: np.ndarray
+
+
+class Matrices(NamedTuple):
+    """Mass, stiffness of the blocks, jumps, elongations, and the stiffness of blocks and bars together."""
+
+    mass: Any
+    blocks: Any
+    jumps: Any
+    elongations: Any
+    linear: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +92,7 @@ class DenseWall:
         ndarray, shape (memory, joint)
             After it.
         """
-        delta = self.assembly.jumps @ u
+        delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
     def forces(self, u: np.ndarray, memory: np.ndarray) -> Forces:
@@ -98,20 +110,58 @@ class DenseWall:
         Forces
             And the tangent.
         """
-        a = self.assembly
-        delta, stretch = a.jumps @ u, a.elongations @ u
-        response, areas = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2]), a.joint_areas
+        m, areas, bars = self.matrices, self.assembly.joint_areas, self.assembly.bar_stiffness
+        delta = m.jumps @ u
+        response = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2])
         force = np.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(-1)
-        tangent = np.zeros((len(delta), len(delta)))
-        place = np.arange(0, len(delta), 2)
-        tangent[place, place], tangent[place, place + 1] = response.nn * areas, response.nt * areas
-        tangent[place + 1, place], tangent[place + 1, place + 1] = response.tn * areas, response.tt * areas
-        bars = a.bar_stiffness
+        blocks = np.array([[response.nn * areas, response.nt * areas], [response.tn * areas, response.tt * areas]])
         return Forces(
-            a.block_stiffness @ u + a.elongations.T @ (bars * stretch) + a.jumps.T @ force,
-            a.block_stiffness + a.elongations.T @ (bars[:, None] * a.elongations) + a.jumps.T @ tangent @ a.jumps,
+            m.blocks @ u + m.elongations.T @ (bars * (m.elongations @ u)) + m.jumps.T @ force,
+            m.linear + m.jumps.T @ self.block_diagonal(blocks.transpose(2, 0, 1)) @ m.jumps,
             force,
         )
+
+    @cached_property
+    def matrices(self) -> Matrices:
+        """Those of the assembly, as this formulation takes them."""
+        a = self.assembly
+        linear = a.block_stiffness + a.elongations.T @ (a.bar_stiffness[:, None] * a.elongations)
+        return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
+
+    def block_diagonal(self, blocks: np.ndarray) -> Any:
+        """Write blocks on a diagonal.
+
+        Parameters
+        ----------
+        blocks : ndarray, shape (joint, 2, 2)
+            The blocks.
+
+        Returns
+        -------
+        ndarray, shape (2 joint, 2 joint)
+            The matrix.
+        """
+        found = np.zeros((len(blocks), 2, len(blocks), 2))
+        place = np.arange(len(blocks))
+        found[place, :, place, :] = blocks
+        return found.reshape(2 * len(blocks), -1)
+
+    def solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
+        """Solve a linear system.
+
+        Parameters
+        ----------
+        matrix : matrix, shape (dof, dof)
+            Its matrix.
+        right : ndarray, shape (dof,)
+            Its right side.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            Its solution.
+        """
+        return np.linalg.solve(matrix, right)
 
     def loaded(self) -> tuple[np.ndarray, np.ndarray]:
         """Displacements under the vertical load, which grows in steps, and what the joints remember of it.
@@ -135,7 +185,7 @@ class DenseWall:
                 residual = wanted - forces.internal
                 if np.linalg.norm(residual) <= TOLERANCE * np.linalg.norm(wanted):
                     break
-                u = u + np.linalg.solve(forces.tangent, residual)
+                u = u + self.solved(forces.tangent, residual)
             else:
                 raise ConvergenceError(f"the vertical load finds no equilibrium at {step / steps:.0%} of it")
             memory = self.remembered(u, memory)
@@ -157,8 +207,23 @@ class DenseWall:
             [Hz], from the lowest.
         """
         tangent = self.forces(u, memory).tangent
-        squares = scipy.linalg.eigh(0.5 * (tangent + tangent.T), self.assembly.mass, eigvals_only=True)
+        squares = self.lowest(0.5 * (tangent + tangent.T))
         return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
+
+    def lowest(self, stiffness: Any) -> np.ndarray:
+        """Lowest squares of the natural frequencies.
+
+        Parameters
+        ----------
+        stiffness : matrix, shape (dof, dof)
+            Symmetric.
+
+        Returns
+        -------
+        ndarray
+            ω² [1/s²], rising; all of them.
+        """
+        return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
 
     def rayleigh(
         self, u: np.ndarray, memory: np.ndarray, ratio: float, modes: tuple[int, int] = (1, 3)
@@ -209,13 +274,15 @@ class DenseHistory:
 
     Parameters
     ----------
-    u, v : ndarray, shape (time, dof)
+    u, v, a : ndarray, shape (time, dof)
         From the loaded wall on.
+    memory : ndarray, shape (time, memory, joint)
+        What the joints remember.
     joints : ndarray, shape (time, 2 joint)
         Forces of the joints [N].
     base : ndarray, shape (time,)
         Acceleration of the base [m/s²].
-    damping : ndarray, shape (dof, dof)
+    damping : matrix, shape (dof, dof)
         C.
     converged : bool
         Whether it went to the end.
@@ -223,14 +290,16 @@ class DenseHistory:
 
     u: np.ndarray = field(repr=False)
     v: np.ndarray = field(repr=False)
+    a: np.ndarray = field(repr=False)
+    memory: np.ndarray = field(repr=False)
     joints: np.ndarray = field(repr=False)
     base: np.ndarray = field(repr=False)
-    damping: np.ndarray = field(repr=False)
+    damping: Any = field(repr=False)
     converged: bool
 
 
 def simulate(
-    wall: DenseWall, base: np.ndarray, dt: float, ratio: float = 0.03, damping: np.ndarray | None = None
+    wall: DenseWall, base: np.ndarray, dt: float, ratio: float = 0.03, damping: Any | None = None
 ) -> DenseHistory:
     """Integrate M u″ + C u′ + f(u) = p − M ι a_g by Newmark's average acceleration with Newton iterations.
 
@@ -244,7 +313,7 @@ def simulate(
         Step [s].
     ratio : float
         Damping ratio of modes 1 and 3 of the loaded tangent.
-    damping : ndarray, shape (dof, dof), optional
+    damping : matrix, shape (dof, dof), optional
         C itself.
 
     Returns
@@ -257,24 +326,25 @@ def simulate(
     if damping is None:
         a_0, a_1 = wall.rayleigh(u, memory, ratio)
         tangent = wall.forces(u, memory).tangent
-        damping = a_0 * a.mass + 0.5 * a_1 * (tangent + tangent.T)
-    inertia = a.mass @ a.horizontal
+        damping = a_0 * wall.matrices.mass + 0.5 * a_1 * (tangent + tangent.T)
+    mass = wall.matrices.mass
+    inertia = mass @ a.horizontal
     forces = wall.forces(u, memory)
-    pushed = np.linalg.solve(a.mass, a.load - inertia * base[0] - forces.internal)
+    pushed = wall.solved(mass, a.load - inertia * base[0] - forces.internal)
     motion = Motion(u, np.zeros_like(u), pushed, memory)
-    kept = [(motion.u, motion.v, forces.joints)]
+    kept = [(motion.u, motion.v, motion.a, motion.memory, forces.joints)]
     for before, after in pairwise(base):
         found = _step(wall, damping, inertia, motion, before, after, dt)
         if found is None:
             break
         motion = found
-        kept.append((motion.u, motion.v, wall.forces(motion.u, motion.memory).joints))
-    us, vs, joints = (np.array(column) for column in zip(*kept, strict=True))
-    return DenseHistory(us, vs, joints, base[: len(us)], damping, len(us) == len(base))
+        kept.append((motion.u, motion.v, motion.a, motion.memory, wall.forces(motion.u, motion.memory).joints))
+    us, vs, accelerations, memories, joints = (np.array(column) for column in zip(*kept, strict=True))
+    return DenseHistory(us, vs, accelerations, memories, joints, base[: len(us)], damping, len(us) == len(base))
 
 
 def _step(
-    wall: DenseWall, damping: np.ndarray, inertia: np.ndarray, motion: Motion, before: float, after: float, dt: float
+    wall: DenseWall, damping: Any, inertia: np.ndarray, motion: Motion, before: float, after: float, dt: float
 ) -> Motion | None:
     """One step; cut into 2, 4, … parts where it does not converge, None where that does not help."""
     cut = 1
@@ -290,9 +360,9 @@ def _step(
     return None
 
 
-def _newton(wall: DenseWall, damping: np.ndarray, load: np.ndarray, start: Motion, dt: float) -> Motion | None:
+def _newton(wall: DenseWall, damping: Any, load: np.ndarray, start: Motion, dt: float) -> Motion | None:
     """Average acceleration: u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″."""
-    mass, limit = wall.assembly.mass, TOLERANCE * np.linalg.norm(load)
+    mass, limit = wall.matrices.mass, TOLERANCE * np.linalg.norm(load)
     at = replace(start, v=-start.v, a=-4.0 / dt * start.v - start.a)  # where u has not moved yet
     for _ in range(ITERATIONS):
         forces = wall.forces(at.u, start.memory)
@@ -302,6 +372,6 @@ def _newton(wall: DenseWall, damping: np.ndarray, load: np.ndarray, start: Motio
             return replace(at, memory=wall.remembered(at.u, start.memory))
         if not np.isfinite(size):
             return None
-        move = np.linalg.solve(4.0 / dt**2 * mass + 2.0 / dt * damping + forces.tangent, residual)
+        move = wall.solved(4.0 / dt**2 * mass + 2.0 / dt * damping + forces.tangent, residual)
         at = Motion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move, start.memory)
     return None

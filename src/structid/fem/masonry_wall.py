@@ -16,6 +16,7 @@ from structid.fem.condensed import Condensed
 from structid.fem.layout import Wall
 from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
+from structid.fem.one_by_one import runs_one_by_one
 from structid.fem.wall_channels import WallChannels, Works, check_wall_channels
 from structid.fem.wall_failure import judged, with_rows
 from structid.fem.wall_motion import WallState, start, stepping
@@ -43,6 +44,8 @@ WATCHED = ("support_lost", "weakest_joint")
 """Channels by which a run is judged."""
 CUTS = (4, 16, 64)
 """Parts of a step in which a run is done again where its joints find no equilibrium."""
+MOST_BLOCKS_IN_LANES = 40
+"""Walls of more blocks are run one by one, by sparse factors: tables of places and compiling grow with the wall."""
 OPTIONAL = ("friction", "damping_ratio")
 """Those that have a value where nothing is said, and may be zero."""
 
@@ -187,8 +190,7 @@ class MasonryWall(TraceableModel):
         key = excitation.content_hash
         if key not in self._traced_excitations:
             self._traced_excitations.clear()
-            substeps = max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
-            self._traced_excitations[key] = TracedExcitation.of(excitation, substeps)
+            self._traced_excitations[key] = TracedExcitation.of(excitation, self._substeps(excitation))
         return self._traced_excitations[key]
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
@@ -249,6 +251,9 @@ class MasonryWall(TraceableModel):
             A run that fails keeps what came before, and says which joint it was.
         """
         watched = replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
+        if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
+            found = self._one_by_one(theta, excitation, watched.channels, progress)
+            return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
         found = TraceableModel.run(watched, theta, excitation, progress, map)
         for cut in CUTS:
             lost = np.flatnonzero(~found.done)
@@ -257,6 +262,19 @@ class MasonryWall(TraceableModel):
             finer = replace(watched, step=watched.step / cut)
             found = with_rows(found, lost, TraceableModel.run(finer, theta[lost], excitation))
         return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
+
+    def _one_by_one(
+        self, theta: np.ndarray, excitation: Excitation, channels: tuple[str, ...], progress: Progress | None
+    ) -> Histories:
+        """Runs of a wall of too many blocks for lanes."""
+        values = [self._values(row[None]) for row in theta]
+        of_runs = [{name: float(np.ravel(value)[0]) for name, value in of_run.items()} for of_run in values]
+        laws = [(self._law(of_run), of_run["damping_ratio"]) for of_run in of_runs]
+        return runs_one_by_one(self.condensed, laws, channels, excitation, self._substeps(excitation), progress)
+
+    def _substeps(self, excitation: Excitation) -> int:
+        """Steps in a sample, none longer than `step`."""
+        return max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
 
     # --- what others ask ----------------------------------------------------------------------------------------
 

@@ -13,6 +13,8 @@ from typing import Any, ClassVar, NamedTuple
 
 from structid.array_module import namespace
 
+ROUNDING = 1e-10
+"""Of κ and of the limit of friction: a joint that stays where it came to rest neither damages nor slides by its last digit."""
 COUPLING = math.sqrt(2.0) - 1.0
 """a = b of NP2, with which both components are equal at 45° [5.1]."""
 
@@ -230,7 +232,7 @@ class DamageFriction(JointLaw):
         apart = opening >= 0.0
         x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
         rho, by_n, by_t = _distance(xp, x, y)
-        grows = rho > kappa
+        grows = rho > (1.0 + ROUNDING) * kappa
         left = xp.exp(-xp.where(grows, rho, kappa))  # 1 − D
         # ∂(1 − D)/∂Δ_n and ∂(1 − D)/∂Δ_t, while κ grows.
         left_n = xp.where(grows & apart, -left * by_n / law.normal_length, 0.0)
@@ -238,7 +240,7 @@ class DamageFriction(JointLaw):
         normal = k_n * opening * xp.where(apart, left, 1.0)
         limit = law.friction * xp.where(apart, 0.0, -k_n * opening)
         tried = k_t * (slip - slipped)
-        sticks = xp.abs(tried) <= limit
+        sticks = _sticks(xp, tried, limit)
         rubbed = xp.where(sticks, tried, xp.sign(tried) * limit)
         rubbed_n = xp.where(sticks | apart, 0.0, -xp.sign(tried) * law.friction * k_n)
         rubbed_t = xp.where(sticks, k_t, 0.0)
@@ -274,8 +276,13 @@ class DamageFriction(JointLaw):
         x, y = xp.where(apart, opening, 0.0) / law.normal_length, xp.abs(slip) / law.tangential_length
         limit = law.friction * xp.where(apart, 0.0, -law.normal_stiffness * opening)
         tried = k_t * (slip - slipped)
-        after = xp.where(xp.abs(tried) <= limit, slipped, slip - xp.sign(tried) * limit / k_t)
+        after = xp.where(_sticks(xp, tried, limit), slipped, slip - xp.sign(tried) * limit / k_t)
         return xp.stack([xp.maximum(kappa, _distance(xp, x, y)[0]), after])
+
+
+def _sticks(xp: Any, tried: Any, limit: Any) -> Any:
+    """Whether friction holds. A joint that has just slid is at its limit, and holds; without pressure nothing does."""
+    return (limit > 0.0) & (xp.abs(tried) <= (1.0 + ROUNDING) * limit)
 
 
 def _distance(xp: Any, x: Any, y: Any) -> tuple[Any, Any, Any]:
