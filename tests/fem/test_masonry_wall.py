@@ -50,7 +50,7 @@ def test_the_dense_newton(law, friction, agree, settings):
         free=NAMES, channels=("ux_top_left", "uy_top_right"), joint_law=law, friction=friction, **settings
     )
     found = model.simulate(theta[None], RECORD.trim(0.0, 0.2))
-    assert found.done.all() and model._compiled_response.why_not == ""
+    assert found.done.all() and model._watched._compiled_response.why_not == ""
     assembly = Assembly(model.mesh, Masonry())
     dense = DenseWall(assembly, JOINT_LAWS[law], cohesive_law(*theta, friction=friction))
     base = np.interp(1e-3 * np.arange(201), RECORD.time, RECORD.values)

@@ -100,7 +100,7 @@ def histories(strong_motion):
 
 @pytest.mark.parametrize("number", range(3), ids=POINTS)
 def test_the_whole_history_in_lanes(number, histories):
-    assert MODEL._compiled_response.why_not == ""
+    assert MODEL._watched._compiled_response.why_not == ""
     name, values = list(POINTS)[number], histories.values[number]
     mm = 1e3 * values[:, :3]
     from_rest = mm - mm[0]

@@ -250,7 +250,7 @@ class MasonryWall(TraceableModel):
         Histories
             A run that fails keeps what came before, and says which joint it was.
         """
-        watched = replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
+        watched = self._watched
         if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
             found = self._one_by_one(theta, excitation, watched.channels, progress)
             return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
@@ -262,6 +262,11 @@ class MasonryWall(TraceableModel):
             finer = replace(watched, step=watched.step / cut)
             found = with_rows(found, lost, TraceableModel.run(finer, theta[lost], excitation))
         return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
+
+    @cached_property
+    def _watched(self) -> MasonryWall:
+        """The same wall, recording what its runs are judged by as well; kept, with what it has compiled."""
+        return replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
 
     def _one_by_one(
         self, theta: np.ndarray, excitation: Excitation, channels: tuple[str, ...], progress: Progress | None

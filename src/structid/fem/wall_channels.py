@@ -214,11 +214,11 @@ class WallChannels:
         jax.Array, shape (channel, run)
             In SI.
         """
-        points = self._points.times(state.q)
+        points, of_the_wall = self._points.times(state.q), self._of_the_wall
         rows, number = [], 0
         for channel in self.channels:
-            if channel in CHANNELS:
-                rows.append(self._of_the_wall[channel](state, works, base, points[-1]))
+            if channel in of_the_wall:
+                rows.append(of_the_wall[channel](state, works, base, points[-1]))
             else:
                 rows.append(points[number])
                 number += 1

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any, Literal
 
 from pydantic import Field
@@ -51,7 +50,7 @@ MASONRY_KEYS: dict[str, tuple[Any, Any]] = {
 
 def _wall(given: dict[str, Any]) -> Wall:
     sections = given.get("openings")
-    openings = (DOOR,) if sections is None else tuple(Opening(**_plain(section)) for section in sections)
+    openings = (DOOR,) if sections is None else tuple(Opening(**section) for section in sections)
     size = {name: given[name] for name in ("width", "height", "thickness")}
     if given.get("courses") is not None and given.get("course_height") is not None:
         raise InputError("keys 'courses' and 'course_height'", "both", "one of the two", "Remove one.")
@@ -60,10 +59,6 @@ def _wall(given: dict[str, Any]) -> Wall:
     own = sections is not None or given.get("course_height") is not None
     courses = given.get("courses", None if own else Wall.courses)
     return Wall(**size, openings=openings, courses=courses, block_length=given.get("block_length"))
-
-
-def _plain(section: Any) -> dict[str, float]:
-    return dict(section) if isinstance(section, dict) else {f.name: getattr(section, f.name) for f in fields(Opening)}
 
 
 def _built(asked: ModelRequest) -> MasonryWall:
