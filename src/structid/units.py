@@ -30,6 +30,12 @@ def _clean(unit: str) -> str:
     return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
 
 
+def _parsed(text: str) -> Any:
+    """One of a unit, or a number of it where the text begins with one."""
+    registry = _registry()
+    return registry.Quantity(text) if text[0].isdigit() else registry.Quantity(1.0, text)
+
+
 @functools.cache
 def _si_quantity(unit: str) -> Any:
     registry = _registry()
@@ -37,8 +43,7 @@ def _si_quantity(unit: str) -> Any:
     if text in ("", "-", "1"):
         return registry.Quantity(1.0)
     try:
-        quantity = registry.Quantity(1.0, text) if not text[0].isdigit() else registry.Quantity(text)
-        return quantity.to_base_units()
+        return _parsed(text).to_base_units()
     except Exception as cause:
         raise InputError(
             f"unit '{unit}'",
@@ -89,10 +94,9 @@ def si_unit(unit: str) -> str:
     """
     if _si_quantity(unit).dimensionless:
         return ""
-    registry, text = _registry(), _clean(unit)
-    given = registry.Quantity(1.0, text) if not text[0].isdigit() else registry.Quantity(text)
+    registry = _registry()
     coherent = registry.Quantity(1.0)
-    for name, power in given.unit_items():
+    for name, power in _parsed(_clean(unit)).unit_items():
         # kilonewton is newton, millimetre metre, and what is no SI unit without its prefix becomes base units: t is kg.
         plain = registry.Quantity(1.0, registry.parse_unit_name(name)[0][1])
         whole = abs(plain.to_base_units().magnitude - 1.0) < 1e-12
