@@ -71,7 +71,7 @@ def judged(found: Histories, mesh: Mesh, shortest: float, channels: tuple[str, .
         else:
             at = int(good.sum()) - 1
             reasons[run] = (
-                "the joints do not carry the vertical load"
+                "no equilibrium was found under the vertical load"
                 if at < 0
                 else (
                     f"the joints found no equilibrium from {time[run]:g} s on, in steps of {1e3 * shortest:.2g} ms; the joint "
