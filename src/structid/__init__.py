@@ -71,7 +71,7 @@ _PUBLIC = {
     "Weibull": "probability.marginals",
     "calibrate": "calibration.sequential",
     "choose_law": "inference.law_choice",
-    "first_passage": "fem.passage",
+    "first_passage": "reliability.first_passage",
     "load_surrogate": "surrogates.registry",
     "open_runs": "campaign.store",
     "sample": "inference.sample",

@@ -13,7 +13,6 @@ from structid.fem.assembly import Masonry as Masonry
 from structid.fem.layout import Opening as Opening
 from structid.fem.layout import Wall as Wall
 from structid.fem.masonry_wall import MasonryWall as MasonryWall
-from structid.fem.passage import first_passage as first_passage
 from structid.ground_motion.excitation import CombinedExcitation as CombinedExcitation
 from structid.ground_motion.excitation import DisplacementHistory as DisplacementHistory
 from structid.ground_motion.excitation import ForceHistory as ForceHistory
@@ -48,6 +47,11 @@ from structid.probability.marginals import Normal as Normal
 from structid.probability.marginals import Uniform as Uniform
 from structid.probability.marginals import Weibull as Weibull
 from structid.probability.space import ParameterSpace as ParameterSpace
+from structid.reliability.first_passage import first_passage as first_passage
+from structid.reliability.passage_probability import passage_probability as passage_probability
+from structid.reliability.passages import Passages as Passages
+from structid.reliability.passages import passages as passages
+from structid.reliability.sensitivity import sensitivity as sensitivity
 from structid.runs import Runs as Runs
 from structid.solvers.callable import CallableModel as CallableModel
 from structid.solvers.program import OutputFile as OutputFile

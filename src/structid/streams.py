@@ -64,6 +64,7 @@ class Purpose(IntEnum):
     SEARCH_STARTS = 91
 
     LAW_CHOICE = 95
+    SENSITIVITY = 97
     TIMED_DRAWS = 96
 
     VALIDATION_DESIGN = 0x76616C

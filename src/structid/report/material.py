@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Model
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.parameter_study import ParameterStudy
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
@@ -35,12 +36,15 @@ class RunsMaterial:
         The true runs.
     surrogate : Surrogate or None
         What was fitted to them.
+    parameter_study : ParameterStudy or None
+        What runs over the priors tell.
     """
 
     title: str
     settings: str
     runs: Runs | None
     surrogate: Surrogate | None
+    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,8 @@ class PosteriorMaterial(RunsMaterial):
     ----------
     title, settings, runs, surrogate
         As for `RunsMaterial`; the surrogate that was sampled, or made the proposals.
+    parameter_study : ParameterStudy or None
+        As for `RunsMaterial`.
     result : SamplingResult
         Of a `Posterior`.
     true_posterior : Posterior

@@ -15,6 +15,7 @@ from structid.report.sections import (
     measured_data,
     measured_response,
     other_records,
+    parameters_and_passages,
     true_runs_of_study,
     whitened_residuals,
 )
@@ -28,11 +29,16 @@ OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     deterministic_minima.SECTION,
     other_records.SECTION,
     chain_convergence.SECTION,
+    parameters_and_passages.SECTION,
     fitted_surrogate.SECTION,
     true_runs_of_study.SECTION,
     measured_data.SECTION,
 )
 """Made of `PosteriorMaterial`."""
 
-OF_RUNS: tuple[Section[Any], ...] = (true_runs_of_study.SECTION, fitted_surrogate.SECTION)
+OF_RUNS: tuple[Section[Any], ...] = (
+    parameters_and_passages.SECTION,
+    true_runs_of_study.SECTION,
+    fitted_surrogate.SECTION,
+)
 """Made of `RunsMaterial`, for a study without a measurement."""

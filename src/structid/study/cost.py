@@ -151,6 +151,9 @@ def estimate(study: BuiltStudy) -> Cost:
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
     runs = _true_runs(study)
     parts = [Part("Campaign", runs * each, runs)] if runs else []
+    if study.parameter_study is not None:
+        over_the_box = len(study.parameter_study.design)
+        parts.append(Part("Parameter study", over_the_box * each, over_the_box))
     otherwise = None
     if study.posterior is not None:
         if study.has_surrogate:

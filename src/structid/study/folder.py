@@ -49,8 +49,15 @@ SURROGATE = "surrogate.h5"
 VALIDATION = "validation.h5"
 """True runs that validate it."""
 
+PARAMETER_RUNS = "parameter_study.h5"
+"""Runs over the priors."""
+
 SCRATCH = "scratch"
 """Files that true runs leave."""
+
+
+def _has_runs(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in (CAMPAIGN_RUNS, PARAMETER_RUNS))
 
 
 def has_draws(folder: Path) -> bool:
@@ -88,7 +95,7 @@ def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:
         If the folder holds no finished study.
     """
     identity = folder / IDENTITY
-    if not identity.is_file() or not (has_draws(folder) or (folder / CAMPAIGN_RUNS).is_file()):
+    if not identity.is_file() or not (has_draws(folder) or _has_runs(folder)):
         raise InputError(
             f"{folder}",
             "it holds no finished study",
@@ -122,7 +129,8 @@ def rebuilt(folder: Path, file: StudyFile, told: dict[str, Any]) -> BuiltStudy:
     InputError
         If nothing has been sampled.
     """
-    if not has_draws(folder):
+    of_runs_alone = file.parameter_study is not None and not file.observation
+    if not (has_draws(folder) or of_runs_alone):
         raise InputError(
             f"{folder}", "its sampling has not begun", "a folder that structid run has finished",
             "Finish it first: structid run STUDY.toml --out DIR --resume.",

@@ -154,7 +154,8 @@ def report_again(folder: str | Path, stage: Stage = silent) -> StudyOutcome:
     folder = Path(folder)
     file, told = stored_study(folder)
     place = Workplace(folder, stage)
-    if not file.observation:  # runs alone: the solver is not needed, and may have changed or gone
+    if not (file.observation or file.parameter_study):
+        # Runs alone: the solver is not needed, and may have changed or gone.
         return _runs_again(file, place)
     return _work(rebuilt(folder, file, told), place)
 

@@ -7,6 +7,7 @@ from structid.study.stages import (
     certified_calibration,
     deterministic_searches,
     law_of_errors,
+    parameter_runs,
     posterior_draws,
     report_page,
     surrogate_fit,
@@ -14,6 +15,7 @@ from structid.study.stages import (
 from structid.study.stages.stage import StudyStage
 
 STAGES: tuple[StudyStage, ...] = (
+    parameter_runs.STAGE,
     campaign_runs.STAGE,
     surrogate_fit.STAGE,
     certified_calibration.STAGE,

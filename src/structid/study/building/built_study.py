@@ -17,6 +17,7 @@ from structid.models.face import Model
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.study.building.named_kind import kind_named
+from structid.study.building.parameter_studies import PlannedParameterStudy
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates import registry
 from structid.surrogates.kind import SurrogateKind
@@ -53,6 +54,8 @@ class BuiltStudy:
         Records to predict for.
     plan : Plan or None
         How true runs are spent on a certified calibration, if the study asks for one.
+    parameter_study : PlannedParameterStudy or None
+        Runs over the priors, if the study asks for them.
     """
 
     file: StudyFile
@@ -68,6 +71,7 @@ class BuiltStudy:
     truths: tuple[Model | None, ...]
     other_records: tuple[GroundMotion, ...]
     plan: Plan | None
+    parameter_study: PlannedParameterStudy | None = None
 
     @property
     def content_hash(self) -> str:
@@ -94,6 +98,8 @@ class BuiltStudy:
             parts["surrogate"] = digest(said)
         if self.plan is not None:
             parts["calibration"] = digest(self.plan.describe())
+        if self.parameter_study is not None:
+            parts["parameter study"] = digest(self.parameter_study.design.values)
         return parts
 
     def working_in(self, folder: Path) -> BuiltStudy:

@@ -30,11 +30,11 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
     InputError
         If its parts do not fit together.
     """
-    if study.posterior is None and study.campaign is None:
+    if study.posterior is None and study.campaign is None and study.parameter_study is None:
         raise InputError(
             "the file",
-            "neither an [observation] nor a [campaign]",
-            "one of them, or both",
+            "neither an [observation] nor a [campaign] nor a [parameter_study]",
+            "one of them, or several",
             "Say what to calibrate, or what to run.",
         )
     unused = study.file.surrogate.model_fields_set - {"kind"}

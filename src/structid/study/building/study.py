@@ -16,6 +16,7 @@ from structid.study.building.campaigns import build_campaign
 from structid.study.building.checks import check_before_anything_is_written
 from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy, build_observation
+from structid.study.building.parameter_studies import planned_parameter_study
 from structid.study.building.priors import parameter_prior, parameter_space
 from structid.study.building.records import load_record, processed, read_record
 from structid.study.building.samplers import build_plan, build_sampler
@@ -87,7 +88,9 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     space = parameter_space(file)
     wanted = file.campaign.channels if file.campaign is not None else ()
     channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))
-    model = build_model(file.model, space, file.derived, channels or ("velocity",), solver_folder or folder)
+    if not channels:
+        channels = ("velocity",) if file.parameter_study is None else (file.parameter_study.channel,)
+    model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     observations, truths = [], []
     for index, section in enumerate(file.observation):
         where = "observation" if len(file.observation) == 1 else f"observation.{index}"
@@ -107,7 +110,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))
     sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
     study = BuiltStudy(
-        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan
+        file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan,
+        planned_parameter_study(file, space, model),
     )  # fmt: skip
     check_before_anything_is_written(study)
     return study

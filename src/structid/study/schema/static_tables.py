@@ -113,6 +113,18 @@ class CampaignSection(Section):
     records: tuple[RecordSection, ...] = ()
 
 
+class ParameterStudySection(Section):
+    """Runs over the priors: who passes which limits, and what peaks depend on; see `parameter_study`."""
+
+    runs: int = Field(ge=20)
+    method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "latin_hypercube"
+    seed: int | None = Field(default=None, ge=0)
+    channel: str
+    limits: Annotated[tuple[float | str, ...], Field(min_length=1)]
+    above: dict[str, float | str] = Field(default_factory=dict)
+    peaks: tuple[str, ...] = ()
+
+
 class CalibrationSection(Section):
     """True runs where the posterior is, until a certificate holds; see `calibrate`."""
 

@@ -36,6 +36,7 @@ from structid.study.schema.static_tables import (
     DeterministicSection,
     ModelSection,
     ObservationSection,
+    ParameterStudySection,
     PredictionSection,
     PriorSection,
     RecordSection,
@@ -60,6 +61,7 @@ class StudyFile(Section):
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
     campaign: CampaignSection | None = None
+    parameter_study: ParameterStudySection | None = None
     surrogate: SurrogateSection
     calibration: CalibrationSection | None = None
     discrepancy: DiscrepancySection

@@ -28,8 +28,9 @@ def write_runs_page(found: Findings, place: Workplace) -> None:
     place : Workplace
         Where it goes.
     """
-    file = found.study.file
-    material = RunsMaterial(file.title or file.name, place.settings, found.runs, found.surrogate)
+    file, study = found.study.file, found.parameter_study
+    runs = study.runs if found.runs is None and study is not None else found.runs
+    material = RunsMaterial(file.title or file.name, place.settings, runs, found.surrogate, parameter_study=study)
     write_runs_report(material, place.folder, place.timings.seconds)
 
 
@@ -53,6 +54,7 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
         calibration=found.calibration,
         left_to_the_data=study.law_is_open,
         law_choice=found.law_choice,
+        parameter_study=found.parameter_study,
     )
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
         drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
@@ -60,4 +62,8 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
     write_report(material, drawn, place.folder, place.timings.seconds)
 
 
-STAGE = StudyStage(lambda found: found.result is not None or found.runs is not None, _run)
+def _has_something(found: Findings) -> bool:
+    return any(part is not None for part in (found.result, found.runs, found.parameter_study))
+
+
+STAGE = StudyStage(_has_something, _run)

@@ -13,6 +13,7 @@ from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.parameter_study import ParameterStudy
 from structid.runs import Runs
 from structid.study.building.built_study import BuiltStudy
 from structid.study.folder import STUDY, TIMINGS
@@ -80,6 +81,8 @@ class Findings:
         Which law of the errors the data have chosen, where it was left to them.
     result : SamplingResult or None
         Draws and verdict.
+    parameter_study : ParameterStudy or None
+        What runs over the priors tell.
     """
 
     study: BuiltStudy
@@ -90,6 +93,7 @@ class Findings:
     searches: dict[str, OptimizeResult] = field(default_factory=dict)
     law_choice: LawChoice | None = None
     result: SamplingResult | None = None
+    parameter_study: ParameterStudy | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,187 @@
+"""The question: is a calibration of the façade the model's own posterior, does it hold the truth, and what if the model is wrong.
+
+Run with ``python benchmarks/facade_calibration.py [--quick]``. El Centro comes from ``../shared/data``.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from typing import Any
+
+import numpy as np
+from facade import BOX, COORDINATES, MONITORED, el_centro
+from scipy.special import ndtri
+
+import structid as si
+from structid.inference.assessment.prediction import predict
+
+NAME = "facade_calibration"
+NOISE = 0.02
+"""White noise of each channel over its RMS."""
+PLAN = si.Plan(true_runs=400, start=40, batch=10)
+"""Small batches: posteriors are so narrow that the first surrogates only show where to look."""
+EXPERIMENTS, BESIDE_SMC = 10, 3
+REFERENCE, QUICK_REFERENCE = si.SMC(particles=250, steps=40), si.SMC(particles=40, steps=4, scouts=0)
+STIFFNESSES = ("log k_n", "log k_t")
+
+
+def space() -> si.ParameterSpace:
+    return si.ParameterSpace(**BOX, coordinates=COORDINATES)
+
+
+def model(*channels: str) -> si.MasonryWall:
+    return si.MasonryWall(free=tuple(BOX), channels=channels or MONITORED)
+
+
+def truths(count: int) -> np.ndarray:
+    """Points of the box, spread evenly in it."""
+    return space().sample(count, 20).values
+
+
+def settings_of(theta: np.ndarray) -> dict[str, float]:
+    return dict(zip(BOX, map(float, theta), strict=True))
+
+
+def another_record(number: int) -> si.GroundMotion:
+    """The strong part of a stochastic record, as strong as El Centro."""
+    return si.GroundMotion.synthetic(seed=100 + number).lowpass(20.0).trim(6.0, 8.5).scale_to_pga(6.36)
+
+
+def measured(truth: si.MasonryWall, seed: int) -> si.Observation:
+    """What three displacements show of it, with noise."""
+    record = el_centro()
+    clean = truth.recording(*MONITORED).simulate(np.zeros((1, 0)), record).values[0]
+    noise = NOISE * np.sqrt(np.mean(clean**2, axis=0)) * np.random.default_rng(seed).normal(size=clean.shape)
+    return si.Observation(record, clean + noise, channels=MONITORED)
+
+
+def calibrated(observation: si.Observation, seed: int, **settings: Any) -> tuple[Any, float]:
+    began = time.perf_counter()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what lies outside a surrogate's range is in the certificate
+        found = si.calibrate(model(), space(), observation, plan=PLAN, seed=seed, **settings)
+    return found, time.perf_counter() - began
+
+
+def in_stiffnesses(draws: np.ndarray) -> np.ndarray:
+    """Log k_n and log k_t of draws (draw, parameter)."""
+    phi_n, sigma, phi_t, tau = draws.T[:4]
+    return np.log(np.stack([sigma**2 / phi_n, tau**2 / phi_t], axis=1))
+
+
+# --- the right model ------------------------------------------------------------------------------------------------
+
+
+def inside_region(draws: np.ndarray, theta: np.ndarray) -> bool:
+    """Whether the truth is inside the ellipsoid of 95 % of the draws, in normal scores of the box."""
+    scores = ndtri(space().to_uniform(np.vstack([draws, theta])))
+    centred = scores - scores[:-1].mean(axis=0)
+    distance = np.einsum("di,ij,dj->d", centred, np.linalg.inv(np.cov(scores[:-1].T)), centred)
+    return bool(distance[-1] <= np.quantile(distance[:-1], 0.95))
+
+
+def right_model(count: int, beside: int, reference: si.SMC) -> tuple[list[list[str]], list[list[str]]]:
+    """Virtual experiments whose model is the right one, the first of them beside tempered SMC on the model itself."""
+    rows, beside_rows = [], []
+    for number, theta in enumerate(truths(count)):
+        observation = measured(si.MasonryWall(**settings_of(theta)), number)
+        found, seconds = calibrated(observation, number)
+        draws, certificate = found.sampling.flat[:, :4], found.certificate
+        logs, true_logs = in_stiffnesses(draws), in_stiffnesses(theta[None])[0]
+        rows.append(
+            [
+                f"{number + 1}", certificate.verdict, f"{certificate.true_runs}", f"{seconds:.0f}",
+                "inside" if inside_region(draws, theta) else "outside",
+                *(f"{(m - t) / s:+.1f}" for m, t, s in zip(draws.mean(0), theta, draws.std(0), strict=True)),
+                *(f"{m:.3f} ± {s:.3f} ({t:.3f})" for m, s, t in zip(logs.mean(0), logs.std(0), true_logs, strict=True)),
+            ]
+        )  # fmt: skip
+        print(" | ".join(rows[-1]), flush=True)
+        if number < beside:
+            beside_rows.append(beside_the_model(number, found, observation, reference))
+            print(" | ".join(beside_rows[-1]), flush=True)
+    return rows, beside_rows
+
+
+def beside_the_model(number: int, found: Any, observation: si.Observation, reference: si.SMC) -> list[str]:
+    """The same posterior by tempered SMC on the model itself."""
+    began = time.perf_counter()
+    itself = si.sample(si.Posterior(space(), model(), observation), reference, seed=99)
+    seconds = time.perf_counter() - began
+    sizes = [p.bulk_size for p in itself.verdict().parameters.values()]
+    both = [found.sampling.flat[:, :4], itself.flat[:, :4]]
+    means = [draws.mean(axis=0) for draws in both] + [in_stiffnesses(draws).mean(axis=0) for draws in both]
+    sds = [draws.std(axis=0) for draws in both] + [in_stiffnesses(draws).std(axis=0) for draws in both]
+    off = np.concatenate([(means[0] - means[1]) / sds[1], (means[2] - means[3]) / sds[3]])
+    ratio = np.concatenate([sds[0] / sds[1], sds[2] / sds[3]])
+    return [
+        f"{number + 1}", f"{np.abs(off).max():.3f}", f"{np.abs(ratio - 1.0).max():.1%}", f"{min(sizes):.0f}",
+        "converged" if itself.verdict().converged else "not converged", f"{itself.evaluations}", f"{seconds:.0f}",
+    ]  # fmt: skip
+
+
+# --- wrong models ---------------------------------------------------------------------------------------------------
+
+
+def wrong_truth(number: int, theta: np.ndarray) -> tuple[str, si.MasonryWall]:
+    """A wall that the model is not: with damage and friction, or cut into other blocks."""
+    if number % 2:
+        finer = si.Wall(courses=((8, 6), 4))
+        return "twice as many courses", si.MasonryWall(**settings_of(theta), wall=finer)
+    joints = {"joint_law": "damage-friction", "friction": 0.7}
+    return "damage and friction", si.MasonryWall(**settings_of(theta), **joints)
+
+
+def wrong_model(count: int) -> list[list[str]]:
+    """Calibrate the wrong model, and predict the peak drift of another record."""
+    rows = []
+    for number, theta in enumerate(truths(count)):
+        what, truth = wrong_truth(number, theta)
+        found, seconds = calibrated(measured(truth, number), number, discrepancy="auto")
+        other = another_record(number)
+        true_history = truth.recording(MONITORED[0]).simulate(np.zeros((1, 0)), other)
+        peak = float(np.nanmax(np.abs(true_history.values[0, :, 0])))
+        prediction = predict(
+            found.posterior, found.sampling.thinned(200), other, seed=number, drift=found.sampling.drift
+        )
+        low, middle, high = np.quantile(prediction.peaks[:, 0], [0.05, 0.5, 0.95])
+        rows.append(
+            [
+                f"{number + 1}, {what}", found.certificate.verdict, f"{found.certificate.true_runs}", f"{seconds:.0f}",
+                found.posterior.discrepancy.describe()["kind"], f"{1e3 * peak:.1f}",
+                f"{1e3 * low:.1f}, {1e3 * middle:.1f}, {1e3 * high:.1f}", "inside" if low <= peak <= high else "outside",
+            ]
+        )  # fmt: skip
+        print(" | ".join(rows[-1]), flush=True)
+    return rows
+
+
+# --- two samplers ---------------------------------------------------------------------------------------------------
+
+
+def by_gradients(theta: np.ndarray, reference: si.SMC, nuts: si.NUTS) -> list[list[str]]:
+    """One posterior of the model itself by NUTS, through implicit derivatives, and by tempered SMC."""
+    posterior = si.Posterior(space(), model(), measured(si.MasonryWall(**settings_of(theta)), 0))
+    rows, draws = [], []
+    for name, sampler in (("SMC", reference), ("NUTS", nuts)):
+        began = time.perf_counter()
+        found = si.sample(posterior, sampler, seed=7)
+        seconds = time.perf_counter() - began
+        sizes = [p.bulk_size for p in found.verdict().parameters.values()]
+        draws.append(found.flat[:, :4])
+        off = (draws[-1].mean(0) - draws[0].mean(0)) / draws[0].std(0)
+        ratio = draws[-1].std(0) / draws[0].std(0) - 1.0
+        converged = "converged" if found.verdict().converged else "not converged"
+        rows.append(
+            [
+                name,
+                converged,
+                f"{min(sizes):.0f}",
+                f"{seconds:.0f}",
+                f"{np.abs(off).max():.3f}",
+                f"{np.abs(ratio).max():.1%}",
+            ]
+        )
+        print(" | ".join(rows[-1]), flush=True)
+    return rows

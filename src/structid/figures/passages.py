@@ -1,0 +1,262 @@
+"""Figures of first passages over a design: times against parameters and pairs, their probability, their distribution."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.figures.style import ACCENT, CYCLE, MODEL, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+SHOWN = 4000
+"""Most runs that are drawn as points."""
+_LATE_TO_EARLY = "viridis_r"
+
+
+@styled
+def times(
+    points: np.ndarray,
+    names: Sequence[str],
+    units: Sequence[str],
+    time: np.ndarray,
+    end: float,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the times of first passages against each parameter.
+
+    Parameters
+    ----------
+    points : ndarray, shape (run, parameter)
+        Parameters in display units.
+    names, units : sequence of str
+        Their names and units.
+    time : ndarray, shape (run,)
+        [s]; NaN for runs that did not pass.
+    end : float
+        End of the record [s].
+    title : str
+        Of the figure.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A panel for each parameter. Runs without a passage are at its upper edge.
+    """
+    columns = min(len(names), 4)
+    rows = -(-len(names) // columns)
+    figure, axes = canvas(rows, columns, height=2.1, sharey=True)
+    some, passed = _some(len(time)), np.isfinite(time)
+    above = end * 1.06
+    for axis in axes.ravel()[len(names) :]:
+        axis.remove()
+    for number, (axis, column) in enumerate(zip(axes.ravel(), points.T, strict=False)):
+        here, none = some[passed[some]], some[~passed[some]]
+        axis.plot(column[none], np.full(len(none), above), "|", ms=4, mew=0.5, color=MUTED, label="none")
+        axis.plot(column[here], time[here], ".", ms=2.5, mew=0, color=MODEL, alpha=0.6, label="first passage")
+        axis.axhline(end, color=MUTED, lw=0.8)
+        name_axes(axis, (pretty(names[number]), pretty_unit(units[number])), ("", ""))
+        axis.set_ylim(0.0, end * 1.12)
+        axis.locator_params(axis="x", nbins=4)
+    for row in axes:
+        row[0].set_ylabel("first passage [s]")
+    return finish(figure, title, save)
+
+
+@styled
+def pairs(
+    points: np.ndarray,
+    names: Sequence[str],
+    units: Sequence[str],
+    time: np.ndarray,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw maps of the times of first passages over every pair of parameters.
+
+    Parameters
+    ----------
+    points : ndarray, shape (run, parameter)
+        Parameters in display units.
+    names, units : sequence of str
+        Their names and units.
+    time : ndarray, shape (run,)
+        [s]; NaN for runs that did not pass.
+    title : str
+        Of the figure.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A panel for each pair.
+    """
+    both = list(combinations(range(len(names)), 2))
+    columns = min(len(both), 3)
+    figure, axes = canvas(-(-len(both) // columns), columns, height=2.2)
+    some, passed = _some(len(time)), np.isfinite(time)
+    here, none = some[passed[some]], some[~passed[some]]
+    for axis in axes.ravel()[len(both) :]:
+        axis.remove()
+    drawn = None
+    for axis, (x, y) in zip(axes.ravel(), both, strict=False):
+        axis.plot(points[none, x], points[none, y], ".", ms=2.0, mew=0, color=MUTED, alpha=0.5)
+        drawn = axis.scatter(points[here, x], points[here, y], s=4, lw=0, c=time[here], cmap=_LATE_TO_EARLY)
+        name_axes(axis, *((pretty(names[i]), pretty_unit(units[i])) for i in (x, y)))
+    if drawn is not None and len(here):
+        bar = figure.colorbar(drawn, ax=axes, shrink=0.6, aspect=30)
+        bar.set_label("first passage [s]; grey: none")
+    return finish(figure, title, save)
+
+
+@styled
+def probability_map(
+    points: np.ndarray,
+    names: Sequence[str],
+    units: Sequence[str],
+    passed: np.ndarray,
+    predicted: np.ndarray,
+    probability: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    levels: Sequence[float] = (0.05, 0.5, 0.95),
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the probability of a passage over two parameters, and its mean along the first one beside the shares that were found.
+
+    Parameters
+    ----------
+    points : ndarray, shape (run, 2)
+        The two parameters in display units.
+    names, units : sequence of str
+        Their names and units.
+    passed : ndarray of bool, shape (run,)
+        Which runs passed.
+    predicted : ndarray, shape (run,)
+        Probability of each run.
+    probability : callable
+        Gives the probability for arrays of the two; the other parameters stay at their medians.
+    levels : sequence of float
+        Probabilities whose lines are drawn.
+    title : str
+        Of the figure.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A map and a curve.
+    """
+    figure, axes = canvas(1, 2, height=2.9)
+    some = _some(len(passed))
+    axis, beside = axes[0]
+    for which, colour, label in ((~passed, MUTED, "no passage"), (passed, MODEL, "passage")):
+        rows = some[which[some]]
+        axis.plot(points[rows, 0], points[rows, 1], ".", ms=2.5, mew=0, color=colour, alpha=0.7, label=label)
+    x, y = (np.linspace(column.min(), column.max(), 80) for column in points.T)
+    grid = np.meshgrid(x, y)
+    axis.contour(x, y, probability(*grid), levels=list(levels), colors=ACCENT, linewidths=(0.7, 1.4, 0.7))
+    axis.plot([], [], color=ACCENT, lw=1.4, label=f"P {', '.join(f'{level:g}' for level in levels)}")
+    axis.legend(
+        loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, markerscale=3, handletextpad=0.3, columnspacing=1.0
+    )
+    name_axes(axis, *((pretty(n), pretty_unit(u)) for n, u in zip(names, units, strict=True)))
+    parts = np.array_split(np.argsort(points[:, 0]), 40)
+    beside.plot(
+        [points[part, 0].mean() for part in parts], [passed[part].mean() for part in parts], "o", ms=3, mew=0,
+        color=MODEL, label="share of passages",
+    )  # fmt: skip
+    beside.plot(
+        [points[part, 0].mean() for part in parts], [predicted[part].mean() for part in parts], color=ACCENT, lw=1.2,
+        label="mean of P",
+    )  # fmt: skip
+    beside.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2)
+    name_axes(beside, (pretty(names[0]), pretty_unit(units[0])), ("probability of a passage", ""))
+    return finish(figure, title, save)
+
+
+@styled
+def distributions(
+    time: np.ndarray,
+    curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the probability of having passed by a time.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    curves : sequence of tuple
+        Label, probability and its standard error, each of shape (time,).
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    figure, axes = canvas(1, 1, height=2.6)
+    axis = axes[0, 0]
+    for number, (label, probability, error) in enumerate(curves):
+        colour = CYCLE[number % len(CYCLE)]
+        axis.plot(time, probability, color=colour, lw=1.2, label=label, drawstyle="steps-post")
+        axis.fill_between(
+            time, probability - 2.0 * error, probability + 2.0 * error, color=colour, alpha=0.2, lw=0, step="post"
+        )
+    axis.legend(loc="upper left")
+    axis.set_ylim(bottom=0.0)
+    name_axes(axis, ("time", "s"), ("share of the runs that have passed", ""))
+    return finish(figure, save=save)
+
+
+@styled
+def indices(
+    names: Sequence[str],
+    groups: Sequence[tuple[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray]],
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw Sobol' indices as bars.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the parameters.
+    groups : sequence of tuple
+        For every quantity its name, first and total indices, and the half-widths of their intervals, each of shape (parameter,).
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A panel for every quantity.
+    """
+    figure, axes = canvas(1, len(groups), height=2.5, sharey=True)
+    place = np.arange(len(names))
+    for axis, (label, first, total, first_error, total_error) in zip(axes[0], groups, strict=True):
+        for shift, share, error, colour, word in (
+            (-0.2, first, first_error, ACCENT, "first"), (0.2, total, total_error, MUTED, "total"),
+        ):  # fmt: skip
+            axis.bar(place + shift, share, 0.38, yerr=error, color=colour, label=word, error_kw={"lw": 0.8})
+        axis.set_xticks(place, [pretty(n).replace(" ", "\n") for n in names], fontsize=7.5)
+        axis.grid(False, axis="x")
+        axis.set_title(label)
+    axes[0, 0].set_ylabel("share of the variance")
+    axes[0, -1].legend(loc="upper left")
+    return finish(figure, save=save)
+
+
+def _some(count: int) -> Any:
+    """Numbers of the runs that are drawn."""
+    return np.arange(count)[:: max(1, -(-count // SHOWN))]

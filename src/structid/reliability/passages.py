@@ -1,0 +1,160 @@
+"""First passages over a design of runs: who passed a limit and when, and how long those were followed that did not."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import scipy
+
+from structid.errors import InputError, Status, check_choice, names_checked
+from structid.notebook import ShownAsText
+from structid.probability.designs import Design
+from structid.reliability.first_passage import first_passage
+from structid.runs import Runs
+
+PAIRS = 2000
+"""Runs of which every pair is compared."""
+
+
+@names_checked
+@dataclass(frozen=True, eq=False)
+class Passages(ShownAsText):
+    """First passages of a limit over a design.
+
+    A run that did not pass tells that its time is *longer* than it was followed: it is censored, and no number may be put in the
+    place of its time.
+
+    Parameters
+    ----------
+    design : Design
+        The runs' parameters.
+    channel : str
+        Whose absolute value passes.
+    limit : float
+        In the channel's SI unit.
+    time : ndarray, shape (run,)
+        Time of the first passage or of the structure's failure, whichever is earlier [s]; NaN for a run that has neither.
+    followed : ndarray, shape (run,)
+        How far each run goes [s]: to the end of its record, or to where it failed; 0 for one that never began.
+    """
+
+    design: Design = field(repr=False)
+    channel: str
+    limit: float
+    time: np.ndarray = field(repr=False)
+    followed: np.ndarray = field(repr=False)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, rows: Any) -> Passages:
+        """Some of the runs."""
+        return replace(
+            self, design=self.design[np.arange(len(self))[rows]], time=self.time[rows], followed=self.followed[rows]
+        )
+
+    @property
+    def passed(self) -> np.ndarray:
+        """Which runs passed, shape (run,)."""
+        return np.isfinite(self.time)
+
+    @property
+    def share(self) -> tuple[float, float]:
+        """Share of the runs that passed, of those that began, and its Monte-Carlo error √(p (1 − p) / n)."""
+        begun = self.passed | (self.followed > 0.0)
+        p = float(self.passed[begun].mean())
+        return p, float(np.sqrt(p * (1.0 - p) / begun.sum()))
+
+    @property
+    def censored(self) -> np.ndarray:
+        """Times of those that passed, and how far the others were followed [s], shape (run,)."""
+        return np.where(self.passed, self.time, self.followed)
+
+    def distribution(self, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Probability of having passed by a time, by the product-limit estimate, which knows of censored times.
+
+        F(t) = 1 − Π_{tᵢ ≤ t} (1 − dᵢ/nᵢ), with dᵢ passages at tᵢ among nᵢ runs followed so far (Kaplan & Meier 1958, doi
+        10.1080/01621459.1958.10501452).
+
+        Parameters
+        ----------
+        times : ndarray, shape (time,)
+            [s].
+
+        Returns
+        -------
+        tuple of ndarray, shape (time,)
+            The probability, and the standard error of Greenwood's formula.
+        """
+        sample = scipy.stats.CensoredData(uncensored=self.time[self.passed], right=self.followed[~self.passed])
+        found = scipy.stats.ecdf(sample).cdf
+        low = found.confidence_interval(0.6826894921370859).low
+        with np.errstate(invalid="ignore"):
+            error = np.nan_to_num(found.evaluate(times) - low.evaluate(times))
+        return np.asarray(found.evaluate(times)), np.asarray(error)
+
+    def concordance(self, values: np.ndarray) -> float:
+        """Probability that of two runs the one with the larger value passes later.
+
+        Pairs count of which it is known who passed first: both passed, or one did before the other's end (Harrell's C).
+
+        Parameters
+        ----------
+        values : ndarray, shape (run,)
+            A parameter or a coordinate.
+
+        Returns
+        -------
+        float
+            1 if larger values always pass later, 0 if always earlier, 0.5 if they say nothing; NaN if no pair counts.
+        """
+        rows = slice(None, None, -(-len(self) // PAIRS))
+        time, passed, value = self.censored[rows], self.passed[rows], np.asarray(values)[rows]
+        first = passed[:, None] & (time[:, None] < time[None, :])  # the row's run passed before the column's
+        larger = (value[None, :] > value[:, None]) + 0.5 * (value[None, :] == value[:, None])
+        return float(larger[first].mean()) if first.any() else float("nan")
+
+    def __str__(self) -> str:
+        p, error = self.share
+        return f"Passages of {self.channel} over {self.limit:g}: {self.passed.sum()} of {len(self)} runs ({p:.1%} ± {error:.1%})"
+
+
+@names_checked
+def passages(runs: Runs, channel: str, limit: float) -> Passages:
+    """Find the first passages of runs; the failure of a structure counts as one.
+
+    Parameters
+    ----------
+    runs : Runs
+        Of one record, or of several.
+    channel : str
+        Which of their channels, such as ``"drift"``.
+    limit : float
+        In the channel's SI unit.
+
+    Returns
+    -------
+    Passages
+        A run that failed for another reason is censored there.
+
+    Raises
+    ------
+    InputError
+        If the channel is not recorded, a run begins beyond the limit, or no run has begun.
+    """
+    check_choice("passages(channel)", channel, runs.channels)
+    time, followed = np.full(len(runs), np.nan), np.full(len(runs), np.nan)
+    for number in range(len(runs.records)):
+        rows = np.flatnonzero(runs.record_of_run == number)
+        if len(rows):
+            some = runs[rows].histories()
+            time[rows] = first_passage(some, channel, limit)
+            followed[rows] = np.where(some.done, some.time[-1], some.failure_time)
+    fell = runs.status == Status.STRUCTURE_FAILED
+    time = np.where(fell, np.fmin(time, runs.failure_time), time)
+    followed = np.nan_to_num(followed)  # a run that never began tells nothing: it was followed for no time
+    if not (followed > 0.0).any():
+        raise InputError("passages", "no run that has begun", "runs, some of which have a response")
+    return Passages(runs.design, channel, float(limit), time, followed)

@@ -1,0 +1,130 @@
+"""What a response quantity depends on: Sobol' indices through a polynomial chaos expansion in the coordinates of a space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy
+
+from structid.errors import InputError, names_checked
+from structid.notebook import ShownAsText
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
+from structid.reliability.passage_probability import coordinate_names, coordinates_of
+from structid.streams import Purpose, stream
+from structid.surrogates.chaos.pce import PCE
+from structid.surrogates.in_coordinates import fitted_in_coordinates
+from structid.surrogates.regression import Regression
+
+POINTS = 4096
+"""Points of each of the two samples whose columns are exchanged, a power of 2."""
+BINS = 64
+"""Parts of equal probability in which the mean is taken, of one coordinate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity(ShownAsText):
+    """Shares of a quantity's variance.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the parameters.
+    first, total : ndarray, shape (parameter,)
+        S_i = V[E(y | θ_i)] / V[y] and T_i = E[V(y | θ_~i)] / V[y].
+    first_error, total_error : ndarray, shape (parameter,)
+        Half-widths of their 95 % intervals by resampling.
+    coordinates : tuple of str
+        Names of the coordinates.
+    alone : ndarray, shape (coordinate,)
+        V[E(y | x_i)] / V[y] of every coordinate. Coordinates that share a parameter depend on one another, and these shares may
+        add up to more than 1.
+    left_out : float
+        Share of the variance that the expansion leaves out, by its leave-one-out error.
+    regression : Regression
+        The expansion.
+    """
+
+    names: tuple[str, ...]
+    first: np.ndarray
+    total: np.ndarray
+    first_error: np.ndarray
+    total_error: np.ndarray
+    coordinates: tuple[str, ...]
+    alone: np.ndarray
+    left_out: float
+    regression: Regression = field(repr=False)
+
+    def __str__(self) -> str:
+        lines = [f"Sobol' indices; the expansion leaves out {self.left_out:.1%} of the variance"]
+        for name, first, total in zip(self.names, self.first, self.total, strict=True):
+            lines.append(f"  {name:<24} first {first:6.3f}   total {total:6.3f}")
+        for name, alone in zip(self.coordinates, self.alone, strict=True):
+            lines.append(f"  {name:<24} alone {alone:6.3f}")
+        return "\n".join(lines)
+
+
+@names_checked
+def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None, seed: int = 0) -> Sensitivity:
+    """Find on which parameters a quantity depends.
+
+    Parameters
+    ----------
+    design : Design
+        Points. Their space has independent parameters; where it has coordinates, the expansion is in them.
+    values : ndarray, shape (run,)
+        The quantity; NaN where a run has none.
+    settings : PCE, optional
+        Of the expansion; up to degree 8, sparse, when left out.
+    seed : int
+        Of the samples.
+
+    Returns
+    -------
+    Sensitivity
+        By the estimators of Saltelli et al. (2010, doi 10.1016/j.cpc.2009.09.018) on the expansion.
+
+    Raises
+    ------
+    InputError
+        If the parameters are correlated, for which these shares say nothing.
+    """
+    space: ParameterSpace = design.space
+    if space.correlation is not None:
+        raise InputError(
+            "sensitivity", "correlated parameters", "independent ones", "Sobol' indices are of independent parameters."
+        )
+    known = np.flatnonzero(np.isfinite(values))
+    chosen = PCE(degree=tuple(range(1, 9))) if settings is None else settings
+    fitted = fitted_in_coordinates(design[known], lambda points: chosen.fit(points, np.asarray(values)[known]))
+
+    def predicted(theta: np.ndarray) -> np.ndarray:
+        return np.asarray(fitted.predict(np.asarray(theta)))[:, 0]
+
+    rng = stream(seed, Purpose.SENSITIVITY)
+    indices = scipy.stats.sobol_indices(
+        func=lambda u: predicted(space.from_uniform(u.T))[None],
+        n=POINTS,
+        dists=[scipy.stats.uniform()] * space.dimension,
+        rng=rng,
+    )
+    spread = indices.bootstrap(confidence_level=0.95, n_resamples=199)
+    widths = [0.5 * np.ravel(found.confidence_interval.high - found.confidence_interval.low)
+              for found in (spread.first_order, spread.total_order)]  # fmt: skip
+    theta = space.from_uniform(rng.uniform(size=(4 * POINTS, space.dimension)))
+    value, coordinates = predicted(theta), coordinates_of(space, theta)
+    alone = np.array([_alone(column, value) for column in coordinates.T])
+    return Sensitivity(
+        space.names, np.ravel(indices.first_order), np.ravel(indices.total_order), *widths,
+        coordinate_names(space), alone, float(fitted.leave_one_out_error[0]), fitted,
+    )  # fmt: skip
+
+
+def _alone(column: Any, value: np.ndarray) -> float:
+    """V[E(y | x)] / V[y], from means over parts of equal probability, less what scatter within them adds."""
+    parts = np.array_split(value[np.argsort(column)], BINS)
+    means = np.array([part.mean() for part in parts])
+    noise = np.mean([part.var(ddof=1) / len(part) for part in parts])
+    return float(max(means.var() - noise, 0.0) / value.var())

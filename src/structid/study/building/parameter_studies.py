@@ -1,0 +1,97 @@
+"""The parameter study of a study file: its points, its limits and the part of the box that is looked at by itself, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from structid.errors import check_choice
+from structid.models.face import Model
+from structid.probability.designs import Design
+from structid.probability.space import ParameterSpace
+from structid.study.schema.static_tables import ParameterStudySection
+from structid.study.schema.study_file import StudyFile
+from structid.units import to_si
+
+
+@dataclass(frozen=True)
+class PlannedParameterStudy:
+    """What a parameter study needs.
+
+    Parameters
+    ----------
+    design : Design
+        Its points.
+    model : Model
+        The study's, recording what is looked at.
+    channel : str
+        Whose passages are looked for.
+    limits : tuple of float
+        In SI.
+    above : mapping of str to float
+        Lower bounds [SI] of the part of the box that is looked at by itself.
+    peaks : tuple of str
+        Channels whose largest values are explained.
+    """
+
+    design: Design
+    model: Model
+    channel: str
+    limits: tuple[float, ...]
+    above: Mapping[str, float]
+    peaks: tuple[str, ...]
+
+
+def planned_parameter_study(file: StudyFile, space: ParameterSpace, model: Model) -> PlannedParameterStudy | None:
+    """Plan the parameter study of a file.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What it says.
+    space : ParameterSpace
+        The unknown parameters.
+    model : Model
+        The model.
+
+    Returns
+    -------
+    PlannedParameterStudy or None
+        None if the file has none.
+
+    Raises
+    ------
+    InputError
+        If a limit has another dimension than its channel, or a parameter is unknown.
+    """
+    section = file.parameter_study
+    if section is None:
+        return None
+    design = space.sample(section.runs, file.seed if section.seed is None else section.seed, section.method)
+    recording = model.recording(*dict.fromkeys((section.channel, *section.peaks)))
+    limits = limits_of(section, recording, "parameter_study")
+    for name in section.above:
+        check_choice("table 'parameter_study.above'", name, space.names)
+    above = {n: to_si(v, space.units[n], f"key 'parameter_study.above.{n}'") for n, v in section.above.items()}
+    return PlannedParameterStudy(design, recording, section.channel, limits, above, section.peaks)
+
+
+def limits_of(section: ParameterStudySection, model: Model, where: str) -> tuple[float, ...]:
+    """Limits of a channel in SI.
+
+    Parameters
+    ----------
+    section : ParameterStudySection
+        With `channel` and `limits`.
+    model : Model
+        Which records the channel.
+    where : str
+        The table, for messages.
+
+    Returns
+    -------
+    tuple of float
+        In SI.
+    """
+    unit = model.channel_units[section.channel].si
+    return tuple(to_si(limit, unit, f"key '{where}.limits'") for limit in section.limits)
