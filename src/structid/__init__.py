@@ -23,6 +23,7 @@ _PUBLIC = {
     "DampedCosine": "inference.likelihood.kernels",
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",
     "Design": "probability.designs",
+    "DisplacementField": "fem.displacement_field",
     "DisplacementHistory": "ground_motion.excitation",
     "Drifting": "inference.likelihood.drifting",
     "ForceHistory": "ground_motion.excitation",
@@ -52,6 +53,7 @@ _PUBLIC = {
     "PODKriging": "surrogates.pod.pod_kriging",
     "PODPCE": "surrogates.pod.pod_pce",
     "ParameterSpace": "probability.space",
+    "Passages": "reliability.passages",
     "Plan": "calibration.plan",
     "Posterior": "inference.likelihood.posterior",
     "ProgramModel": "solvers.program",
@@ -74,8 +76,12 @@ _PUBLIC = {
     "first_passage": "reliability.first_passage",
     "load_surrogate": "surrogates.registry",
     "open_runs": "campaign.store",
+    "parameter_study": "reliability.parameter_study",
+    "passage_probability": "reliability.passage_probability",
+    "passages": "reliability.passages",
     "sample": "inference.sample",
     "sbc": "inference.assessment.simulation_based_calibration",
+    "sensitivity": "reliability.sensitivity",
 }
 """Public names, and the modules they live in."""
 

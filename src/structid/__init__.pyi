@@ -10,6 +10,7 @@ from structid.errors import Status as Status
 from structid.errors import StructidError as StructidError
 from structid.errors import StructidWarning as StructidWarning
 from structid.fem.assembly import Masonry as Masonry
+from structid.fem.displacement_field import DisplacementField as DisplacementField
 from structid.fem.layout import Opening as Opening
 from structid.fem.layout import Wall as Wall
 from structid.fem.masonry_wall import MasonryWall as MasonryWall
@@ -48,6 +49,7 @@ from structid.probability.marginals import Uniform as Uniform
 from structid.probability.marginals import Weibull as Weibull
 from structid.probability.space import ParameterSpace as ParameterSpace
 from structid.reliability.first_passage import first_passage as first_passage
+from structid.reliability.parameter_study import parameter_study as parameter_study
 from structid.reliability.passage_probability import passage_probability as passage_probability
 from structid.reliability.passages import Passages as Passages
 from structid.reliability.passages import passages as passages

@@ -27,7 +27,9 @@ class Pictures:
             self._wanted = before
 
     def _save(self, figure, path, **settings):
-        if self._wanted is None or (self._wanted and Path(path).stem not in self._wanted):
+        if not isinstance(path, (str, Path)):  # a frame of a film, which goes into memory
+            self._render(figure, path, **settings)
+        elif self._wanted is None or (self._wanted and Path(path).stem not in self._wanted):
             Path(path).write_bytes(STAND_INS[Path(path).suffix])
         else:
             self._render(figure, path, **settings)

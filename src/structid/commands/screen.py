@@ -104,6 +104,8 @@ def finish(outcome: StudyOutcome) -> None:
         Of the study.
     """
     screen.print()
+    if outcome.parameter_study is not None:
+        screen.print(str(outcome.parameter_study), markup=False, soft_wrap=True)
     if outcome.runs is not None:
         screen.print(str(outcome.runs), markup=False, soft_wrap=True)
         screen.print()

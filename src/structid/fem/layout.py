@@ -97,7 +97,7 @@ class Wall:
     width, height, thickness : float
         [m].
     openings : sequence of Opening
-        Doors and windows.
+        Doors and windows; the source's door when left out.
     courses : sequence of int or of sequence of int, optional
         For every zone from below the number of courses: one for all of its bays, or one for each from the left. By default as
         many as make them `course_height` high.
@@ -117,7 +117,7 @@ class Wall:
     height: float = 2.6
     thickness: float = 0.15
     openings: Sequence[Opening] = (DOOR,)
-    courses: Sequence[int | Sequence[int]] | None = ((4, 3), 2)
+    courses: Sequence[int | Sequence[int]] | None = None
     course_height: float = 0.2
     block_length: float | None = None
 
@@ -227,3 +227,7 @@ def _distinct(values: Sequence[float]) -> list[float]:
     """Values in order, without those that are the same within rounding."""
     ordered = np.sort(np.array(values))
     return [float(v) for v in ordered[np.concatenate([[True], np.diff(ordered) > TOLERANCE])]]
+
+
+FACADE = Wall(courses=((4, 3), 2))
+"""The source's."""

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jax import lax
@@ -13,41 +13,36 @@ from jax import lax
 from structid.errors import InputError, check_choice, names_checked
 from structid.fem.assembly import Assembly, Masonry
 from structid.fem.condensed import Condensed
-from structid.fem.layout import Wall
+from structid.fem.layout import FACADE, Wall
 from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
 from structid.fem.one_by_one import runs_one_by_one
 from structid.fem.wall_channels import WallChannels, Works, check_wall_channels
 from structid.fem.wall_failure import judged, with_rows
+from structid.fem.wall_film import WallFilm
 from structid.fem.wall_motion import WallState, start, stepping
+from structid.fem.wall_parameters import OPTIONAL, PARAMETER_UNITS, check_priors_of, check_value
+from structid.fem.wall_pictures import drawn_mesh, pictures_of
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.histories import Histories
 from structid.journal import digest
 from structid.mechanics.cohesive_laws import JOINT_LAWS, CohesiveLaw, cohesive_law
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.face import Map, Progress
-from structid.models.hysteretic_parameters import check_free, finite_number
+from structid.models.hysteretic_parameters import check_free
+from structid.models.pictures import ModelPicture
 from structid.models.traceable import TraceableModel, TracedExcitation
 from structid.probability.space import ParameterSpace
-from structid.units import factor_of
 
-PARAMETER_UNITS: Mapping[str, str] = {
-    "normal_energy": "N/m",
-    "normal_strength": "Pa",
-    "tangential_energy": "N/m",
-    "tangential_strength": "Pa",
-    "friction": "",
-    "damping_ratio": "",
-}
-"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, μ, ζ."""
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 WATCHED = ("support_lost", "weakest_joint")
 """Channels by which a run is judged."""
 CUTS = (4, 16, 64)
 """Parts of a step in which a run is done again where its joints find no equilibrium."""
 MOST_BLOCKS_IN_LANES = 40
 """Walls of more blocks are run one by one, by sparse factors: tables of places and compiling grow with the wall."""
-OPTIONAL = ("friction", "damping_ratio")
-"""Those that have a value where nothing is said, and may be zero."""
 
 
 @names_checked
@@ -110,7 +105,7 @@ class MasonryWall(TraceableModel):
     joint_law: str = "smc-np2"
     friction: float = 0.0
     damping_ratio: float = 0.03
-    wall: Wall = field(default_factory=Wall)
+    wall: Wall = FACADE
     masonry: Masonry = field(default_factory=Masonry)
     characteristic_length: str = "exponential"
     joint_points: str = "ends"
@@ -130,20 +125,10 @@ class MasonryWall(TraceableModel):
                     f"MasonryWall.{name}", "it has a value and is free as well", "one of the two", "Remove one."
                 )
             if name not in self.free:
-                self._check_value(name, value)
+                check_value(name, value)
         if not self.step > 0.0:
             raise InputError("MasonryWall.step", f"{self.step:g}", "a positive time in seconds")
         object.__setattr__(self, "channels", check_wall_channels(self.mesh, self.channels))
-
-    def _check_value(self, name: str, value: float | None) -> None:
-        where = f"MasonryWall.{name}"
-        if value is None:
-            raise InputError(
-                where, "it has no value and is not free", f"a number in {PARAMETER_UNITS[name]}, or its name in free"
-            )
-        number = finite_number(where, value)
-        if number < 0.0 or (number == 0.0 and name not in OPTIONAL):
-            raise InputError(where, f"{number:g}", "0 or more" if name in OPTIONAL else "a positive number")
 
     # --- geometry -----------------------------------------------------------------------------------------------
 
@@ -281,6 +266,73 @@ class MasonryWall(TraceableModel):
         """Steps in a sample, none longer than `step`."""
         return max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
 
+    # --- pictures -----------------------------------------------------------------------------------------------
+
+    @names_checked
+    def film(self, excitation: Excitation, theta: np.ndarray | None = None) -> WallFilm:
+        """Follow every node of the wall through one run.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            A ground motion.
+        theta : ndarray, shape (parameter,), optional
+            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+
+        Returns
+        -------
+        WallFilm
+            As far as the run goes.
+
+        Raises
+        ------
+        InputError
+            If the wall finds no equilibrium at rest.
+        """
+        mesh = self.mesh
+        moving = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.fixed)
+        points = [f"u{direction}_node_{node}" for node in moving for direction in "xy"]
+        row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=float).reshape(1, -1)
+        found = self.recording("drift", "base_shear", *points).simulate(row, excitation)
+        values = found.values[0, np.isfinite(found.values[0]).all(axis=1)]
+        if not len(values):
+            raise InputError("MasonryWall.film", f"a run that never began: {found.reasons[0]}", "a wall that stands")
+        displacements = np.zeros((len(values), len(mesh.nodes), 2))
+        displacements[:, moving] = values[:, 2:].reshape(len(values), -1, 2)
+        return WallFilm(mesh, excitation.dt, displacements, values[:, 0], values[:, 1])
+
+    def pictures(self, theta: np.ndarray, excitation: Excitation) -> list[ModelPicture]:
+        """Pictures of the wall in one run; see `Model.pictures`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (parameter,)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            A ground motion.
+
+        Returns
+        -------
+        list of ModelPicture
+            Mesh, milestones, strains, film.
+        """
+        return pictures_of(self.plot, cache(lambda: self.film(excitation, theta)))
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the mesh: blocks with their numbers, joints, beam, supports, loads, recorded points.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            One panel.
+        """
+        return drawn_mesh(self.condensed.assembly, self.channels, save)
+
     # --- what others ask ----------------------------------------------------------------------------------------
 
     @property
@@ -342,14 +394,7 @@ class MasonryWall(TraceableModel):
         InputError
             For the first that is wrong.
         """
-        for name in set(self.free) & set(space.names):
-            if unit := space.marginals[name].unit:
-                factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")
-        low = np.asarray(space.sample(512, 0, "sobol").columns(self.free)).min(axis=0, initial=np.inf)
-        for name, least in zip(self.free, low, strict=True):
-            if least <= 0.0:
-                cure = "Bound it with low, and check its unit."
-                raise InputError(f"the prior of '{name}'", f"values down to {least:g}", "positive values only", cure)
+        check_priors_of(self.free, space)
 
     @property
     def content_hash(self) -> str:

@@ -81,6 +81,22 @@ def check_wall_channels(mesh: Mesh, channels: tuple[str, ...]) -> tuple[str, ...
     return names
 
 
+def is_point(channel: str) -> bool:
+    """Whether a channel is the displacement of a point.
+
+    Parameters
+    ----------
+    channel : str
+        Its name.
+
+    Returns
+    -------
+    bool
+        True for ``"ux_top_left"``.
+    """
+    return _POINT.fullmatch(channel) is not None
+
+
 def point_of(mesh: Mesh, channel: str) -> tuple[int, int]:
     """Node and direction of a displacement.
 

@@ -8,8 +8,9 @@ from pydantic import Field
 
 from structid.errors import InputError
 from structid.fem.assembly import Masonry
-from structid.fem.layout import DOOR, Opening, Wall
-from structid.fem.masonry_wall import PARAMETER_UNITS, MasonryWall
+from structid.fem.layout import DOOR, FACADE, Opening, Wall
+from structid.fem.masonry_wall import MasonryWall
+from structid.fem.wall_parameters import PARAMETER_UNITS
 from structid.keys import Fraction, Seconds, Section, quantity
 from structid.models.kind import ModelKind, ModelRequest
 
@@ -57,7 +58,7 @@ def _wall(given: dict[str, Any]) -> Wall:
     if given.get("course_height") is not None:
         size["course_height"] = given["course_height"]
     own = sections is not None or given.get("course_height") is not None
-    courses = given.get("courses", None if own else Wall.courses)
+    courses = given.get("courses", None if own else FACADE.courses)
     return Wall(**size, openings=openings, courses=courses, block_length=given.get("block_length"))
 
 

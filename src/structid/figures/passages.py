@@ -113,7 +113,7 @@ def pairs(
         drawn = axis.scatter(points[here, x], points[here, y], s=4, lw=0, c=time[here], cmap=_LATE_TO_EARLY)
         name_axes(axis, *((pretty(names[i]), pretty_unit(units[i])) for i in (x, y)))
     if drawn is not None and len(here):
-        bar = figure.colorbar(drawn, ax=axes, shrink=0.6, aspect=30)
+        bar = figure.colorbar(drawn, ax=list(axes.ravel()[: len(both)]), shrink=0.6, aspect=30)
         bar.set_label("first passage [s]; grey: none")
     return finish(figure, title, save)
 

@@ -13,6 +13,7 @@ from structid.channels import ChannelUnit, standard_unit
 from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.models.pictures import ModelPicture
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
@@ -143,6 +144,23 @@ class Model(ABC):
     def kind_in_words(self) -> str:
         """What an engineer would call it."""
         return "model"
+
+    def pictures(self, theta: np.ndarray, excitation: Excitation) -> Sequence[ModelPicture]:
+        """Pictures of the structure in one run; none for a model that cannot draw itself.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (parameter,)
+            Parameters in SI, those of the space first.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        sequence of ModelPicture
+            Each is drawn when it is asked for.
+        """
+        return ()
 
     def working_in(self, folder: Path) -> Model:
         """Return this model with a folder for the files that its runs leave, if they leave any.

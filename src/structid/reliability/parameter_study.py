@@ -162,7 +162,7 @@ def parameter_study(
 
 
 def _both_kinds(found: Passages) -> bool:
-    return min(found.passed.sum(), (~found.passed).sum()) >= LEAST
+    return bool(min(found.passed.sum(), (~found.passed).sum()) >= LEAST)
 
 
 def _enough(runs: Runs) -> bool:

@@ -58,7 +58,7 @@ class Passages(ShownAsText):
     @property
     def passed(self) -> np.ndarray:
         """Which runs passed, shape (run,)."""
-        return np.isfinite(self.time)
+        return np.asarray(np.isfinite(self.time))
 
     @property
     def share(self) -> tuple[float, float]:

@@ -111,15 +111,20 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
         rng=rng,
     )
     spread = indices.bootstrap(confidence_level=0.95, n_resamples=199)
-    widths = [0.5 * np.ravel(found.confidence_interval.high - found.confidence_interval.low)
-              for found in (spread.first_order, spread.total_order)]  # fmt: skip
+    first_error, total_error = (_half_width(found) for found in (spread.first_order, spread.total_order))
     theta = space.from_uniform(rng.uniform(size=(4 * POINTS, space.dimension)))
     value, coordinates = predicted(theta), coordinates_of(space, theta)
     alone = np.array([_alone(column, value) for column in coordinates.T])
     return Sensitivity(
-        space.names, np.ravel(indices.first_order), np.ravel(indices.total_order), *widths,
+        space.names, np.ravel(indices.first_order), np.ravel(indices.total_order), first_error, total_error,
         coordinate_names(space), alone, float(fitted.leave_one_out_error[0]), fitted,
     )  # fmt: skip
+
+
+def _half_width(found: Any) -> np.ndarray:
+    """Half of a 95 % interval by resampling, shape (parameter,)."""
+    interval = found.confidence_interval
+    return np.asarray(0.5 * np.ravel(interval.high - interval.low))
 
 
 def _alone(column: Any, value: np.ndarray) -> float:

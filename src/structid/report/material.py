@@ -120,6 +120,13 @@ class PosteriorMaterial(RunsMaterial):
         """Moments and quantiles, re-weighted where the certificate asks for it."""
         return self.result.summary() if self.calibration is None else self.calibration.summary()
 
+    @property
+    def weighted_draws(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """All draws in SI, shape (draw, parameter), and their weights where the certificate asks for them."""
+        if self.calibration is not None and self.calibration.reweighted:
+            return self.calibration.certificate.draws, self.calibration.certificate.weights
+        return self.result.flat, None
+
     @cached_property
     def shared(self) -> dict[str, Any]:
         """What a section simulates once for its tables and its figures, by a name of its own."""

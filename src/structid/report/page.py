@@ -165,7 +165,7 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path, converged
         words = section.words(material)
         if not (tables or each.pictures or words):
             continue
-        pictures = [(p.name, p.caption, embedded(folder / "figures" / f"{p.name}.png")) for p in each.pictures]
+        pictures = [(p, embedded(folder / "figures" / p.file)) for p in each.pictures]
         shown.append(
             {
                 "key": section.key,
@@ -204,11 +204,11 @@ def embedded(path: Path) -> str:
     Parameters
     ----------
     path : Path
-        A PNG file.
+        A PNG or GIF file.
 
     Returns
     -------
     str
         A data URL.
     """
-    return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode()
+    return f"data:image/{path.suffix[1:]};base64," + base64.b64encode(path.read_bytes()).decode()

@@ -42,10 +42,18 @@ class Picture:
         Of its files, without ending.
     caption : str
         What it shows.
+    is_film : bool
+        Whether it is a GIF, and not a PNG beside a PDF.
     """
 
     name: str
     caption: str
+    is_film: bool = False
+
+    @property
+    def file(self) -> str:
+        """The file that stands in a page."""
+        return f"{self.name}.{'gif' if self.is_film else 'png'}"
 
 
 NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."

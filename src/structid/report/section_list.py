@@ -16,6 +16,7 @@ from structid.report.sections import (
     measured_response,
     other_records,
     parameters_and_passages,
+    structure_in_motion,
     true_runs_of_study,
     whitened_residuals,
 )
@@ -26,6 +27,7 @@ OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     law_of_the_errors.SECTION,
     whitened_residuals.SECTION,
     marginals_and_pairs.SECTION,
+    structure_in_motion.SECTION,
     deterministic_minima.SECTION,
     other_records.SECTION,
     chain_convergence.SECTION,

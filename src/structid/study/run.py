@@ -14,6 +14,7 @@ from structid.errors import StructidWarning
 from structid.inference.law_choice import LawChoice
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.parameter_study import ParameterStudy
 from structid.report.material import RunsMaterial
 from structid.report.page import PAGE, write_runs_report
 from structid.runs import Runs
@@ -48,6 +49,8 @@ class StudyOutcome:
         Certificate and rounds, where the study asks for them.
     law_choice : LawChoice or None
         Which law of the errors the data have chosen, where it was left to them.
+    parameter_study : ParameterStudy or None
+        What runs over the priors tell, where the study asks for them.
     """
 
     result: SamplingResult | None
@@ -57,6 +60,7 @@ class StudyOutcome:
     surrogate: Surrogate | None = None
     calibration: CalibrationResult | None = None
     law_choice: LawChoice | None = None
+    parameter_study: ParameterStudy | None = None
 
     @property
     def trusted(self) -> bool:
@@ -213,4 +217,5 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
         found.surrogate,
         found.calibration,
         found.law_choice,
+        found.parameter_study,
     )

@@ -5,11 +5,14 @@ from __future__ import annotations
 import functools
 from pathlib import Path
 
+import numpy as np
+
 from structid.figures import posterior as figures
 from structid.figures.style import pretty
 from structid.inference.assessment.identifiability import Identifiability
 from structid.report.material import PosteriorMaterial
 from structid.report.section import NEAREST, Drawing, Picture, Section, Table
+from structid.report.tables import number
 from structid.streams import Purpose, derived_seed
 
 
@@ -59,13 +62,40 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     hidden = material.posterior.hidden
     marginals = material.posterior.space.marginals
     priors = [[pretty(name), str(prior)] for name, prior in marginals.items() if name not in hidden]
-    tables = [Table("Priors", (["parameter", "prior (native parameters)"], priors), of_words=True)]
+    tables = [
+        *_in_coordinates(material),
+        Table("Priors", (["parameter", "prior (native parameters)"], priors), of_words=True),
+    ]
     information = material.information
     if information is None:
         return tables
     rows = [[str(i + 1), f"{v:.3g}", information.combination(i)] for i, v in enumerate(information.eigenvalues)]
     heads = ["combination", "information / prior's", "in prior standard deviations"]
     return [Table("Identifiability at the MAP estimate", (heads, rows)), *tables]
+
+
+def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
+    """The posterior in the coordinates that the study declares, on which responses depend more simply than on the parameters."""
+    space = material.posterior.space
+    if not space.coordinates:
+        return []
+    draws, weights = material.weighted_draws
+    values = np.asarray(space.in_coordinates(draws))
+    mean = np.average(values, axis=0, weights=weights)
+    sd = np.sqrt(np.average((values - mean) ** 2, axis=0, weights=weights))
+    low, high = np.quantile(values, [0.05, 0.95], axis=0, weights=weights, method="inverted_cdf")
+    known = set(material.true_values) >= set(material.posterior.model_space.names)
+    truth = None
+    if known:
+        of_the_model = [material.true_values.get(name, np.nan) for name in space.names]
+        truth = np.asarray(space.in_coordinates(np.array(of_the_model)))
+    heads = ["coordinate", "mean", "sd", "5 %", "95 %", *(["truth"] if known else [])]
+    rows = [
+        [pretty(name), *(number(float(v), float(sd[i])) for v in (mean[i], sd[i], low[i], high[i]))]
+        + ([] if truth is None else [number(float(truth[i]), float(sd[i]))])
+        for i, name in enumerate(space.coordinates)
+    ]
+    return [Table("Posterior in the coordinates of the study, of parameters in SI", (heads, rows))]
 
 
 def _words(material: PosteriorMaterial) -> list[str]:

@@ -1,0 +1,85 @@
+"""Pictures of a wall: its mesh with what is on it, and those that stand in a report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.fem.assembly import Assembly
+from structid.fem.wall_channels import is_point, point_of
+from structid.fem.wall_film import GRID, WallFilm
+from structid.models.pictures import ModelPicture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FRAMES = 60
+"""Of the film in a report."""
+
+
+def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw the mesh of a wall: blocks with their numbers, joints, beam, supports, loads, recorded points.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The wall.
+    channels : tuple of str
+        What is recorded.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    from structid.figures import wall as figures
+
+    mesh, masonry = assembly.mesh, assembly.masonry
+    loads: dict[tuple[float, float], float] = {}  # neighbouring blocks have their loads at one place
+    for node, share in assembly.beam_shares(everywhere=False):
+        place = float(mesh.nodes[node, 0]), float(mesh.nodes[node, 1])
+        loads[place] = loads.get(place, 0.0) + 1e-3 * masonry.vertical_load * share
+    nodes = dict.fromkeys(point_of(mesh, channel)[0] for channel in (*channels, "ux_top_left") if is_point(channel))
+    return figures.mesh(
+        mesh.nodes[mesh.blocks],
+        np.array([joint.place for joint in mesh.joints]).reshape(-1, 2),
+        mesh.nodes[mesh.bars],
+        mesh.nodes[mesh.fixed],
+        [(*place, force) for place, force in loads.items()],
+        [(f"node {node}", *mesh.nodes[node]) for node in nodes],
+        f"{len(mesh.blocks)} blocks, {len(mesh.nodes)} nodes, {len(mesh.free)} degrees of freedom; "
+        f"{1e-3 * masonry.upper_mass:g} t on the beam",
+        save=save,
+    )
+
+
+def pictures_of(plot: Callable[..., object], film: Callable[[], WallFilm]) -> list[ModelPicture]:
+    """Pictures of a wall in one run.
+
+    Parameters
+    ----------
+    plot : callable
+        Draws the mesh into a file.
+    film : callable
+        Gives the motion, the same one at every call.
+
+    Returns
+    -------
+    list of ModelPicture
+        Mesh, milestones, strains, film.
+    """
+    at = "at the largest drift of its largest swings"
+    strains = f"Von Mises' strain {at}, as a camera sees it on a grid of {1e3 * GRID:g} mm: a joint that opens or slides is a line."
+    return [
+        ModelPicture("wall", "The wall.", lambda path: plot(save=path)),
+        ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda path: film().plot(save=path)),
+        ModelPicture("wall_strains", strains, lambda path: film().plot_strains(save=path)),
+        ModelPicture(
+            "wall_film", "The wall in motion.", lambda path: film().animate(path.with_suffix(".gif"), FRAMES), True
+        ),
+    ]

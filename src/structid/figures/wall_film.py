@@ -1,0 +1,90 @@
+"""The film of a wall: its deformed shape in time, with its drift below."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.figures.style import MODEL, MUTED, canvas, name_axes, styled
+from structid.figures.wall import EDGE, MASONRY
+
+
+@styled
+def animation(
+    path: Path,
+    corners: np.ndarray,
+    moved: np.ndarray,
+    time: np.ndarray,
+    drift: np.ndarray,
+    instants: np.ndarray,
+    scale: float,
+    per_second: int,
+) -> Path:
+    """Write a film.
+
+    Parameters
+    ----------
+    path : Path
+        A GIF or an MP4.
+    corners : ndarray, shape (block, 4, 2)
+        Of every block [m].
+    moved : ndarray, shape (frame, block, 4, 2)
+        Displacements of the corners, times the scale [m].
+    time, drift : ndarray, shape (time,)
+        [s] and [mm].
+    instants : ndarray of int, shape (frame,)
+        Number of the sample of every frame.
+    scale : float
+        What displacements were multiplied by.
+    per_second : int
+        Frames a second.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    from matplotlib.animation import FuncAnimation
+    from matplotlib.collections import PolyCollection
+
+    writer = _writer(path, per_second)
+    figure, axes = canvas(2, 1, height=2.6, width=4.6, height_ratios=(3.0, 1.0))
+    wall, below = axes[:, 0]
+    blocks = PolyCollection(list(corners), facecolors=MASONRY, edgecolors=EDGE, linewidths=0.7)
+    wall.add_collection(blocks)
+    every = (corners[None] + moved).reshape(-1, 2)
+    low, high = every.min(axis=0), every.max(axis=0)
+    margin = 0.03 * (high - low).max()
+    wall.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin), aspect="equal")
+    wall.axis("off")
+    title = wall.set_title("", fontsize=8.5)
+    below.plot(time, drift, color=MUTED, lw=0.8)
+    (past,) = below.plot([], [], color=MODEL, lw=1.2)
+    name_axes(below, ("time", "s"), ("drift", "mm"))
+
+    def show(frame: int) -> Any:
+        blocks.set_verts(list(corners + moved[frame]))
+        upto = instants[frame] + 1
+        past.set_data(time[:upto], drift[:upto])
+        title.set_text(f"{time[instants[frame]]:.2f} s, displacements × {scale:g}")
+        return blocks, past, title
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    FuncAnimation(figure, show, frames=len(instants)).save(path, writer=writer, dpi=90)
+    return path
+
+
+def _writer(path: Path, per_second: int) -> Any:
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+
+    if path.suffix.lower() == ".gif":
+        return PillowWriter(fps=per_second)
+    if path.suffix.lower() != ".mp4":
+        raise InputError("animate(path)", f"{path.name}", "a file that ends in .gif or .mp4")
+    if shutil.which("ffmpeg") is None:
+        raise InputError("animate(path)", f"{path.name}, without ffmpeg", "a GIF", "Install ffmpeg to write an MP4.")
+    return FFMpegWriter(fps=per_second)
