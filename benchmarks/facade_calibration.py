@@ -22,7 +22,8 @@ NOISE = 0.02
 PLAN = si.Plan(true_runs=400, start=40, batch=10)
 """Small batches: posteriors are so narrow that the first surrogates only show where to look."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
-REFERENCE, QUICK_REFERENCE = si.SMC(particles=250, steps=40), si.SMC(particles=40, steps=4, scouts=0)
+REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)
+QUICK_REFERENCE = si.SMC(particles=40, steps=4, scouts=0)
 STIFFNESSES = ("log k_n", "log k_t")
 
 
@@ -104,13 +105,43 @@ def right_model(count: int, beside: int, reference: si.SMC) -> tuple[list[list[s
     return rows, beside_rows
 
 
+def of_the_logarithms(x: np.ndarray) -> np.ndarray:
+    """Parameters and variances of log k_n, log σ_max, log k_t, log τ_max and the logarithms of the variances."""
+    k_n, sigma, k_t, tau = np.exp(x[:, :4]).T
+    return np.column_stack([sigma**2 / k_n, sigma, tau**2 / k_t, tau, np.exp(x[:, 4:])])
+
+
+def in_the_logarithms(posterior: si.Posterior) -> si.LogDensity:
+    """The same posterior over logarithms, in which its two ridges are straight: a sampler of the model itself needs that.
+
+    |∂θ/∂x| of φ = σ²/k and σ is φ σ, of a variance the variance itself.
+    """
+    bounds = np.log(np.maximum(posterior.space.bounds, 1e-300))
+    (phi_n, sigma, phi_t, tau), variances = bounds[:4], bounds[4:]
+    low = [2.0 * sigma[0] - phi_n[1], sigma[0], 2.0 * tau[0] - phi_t[1], tau[0], *(variances[:, 1] - 14.0)]
+    high = [2.0 * sigma[1] - phi_n[0], sigma[1], 2.0 * tau[1] - phi_t[0], tau[1], *variances[:, 1]]
+    names = ("log_k_n", "log_sigma_max", "log_k_t", "log_tau_max", *posterior.names[4:])
+    prior = si.ParameterSpace(**{n: si.Uniform(a, b) for n, a, b in zip(names, low, high, strict=True)})
+
+    def density(x: np.ndarray) -> np.ndarray:
+        theta = of_the_logarithms(x)
+        inside = ((theta >= posterior.space.bounds[:, 0]) & (theta <= posterior.space.bounds[:, 1])).all(axis=1)
+        found = np.full(len(x), -np.inf)
+        if inside.any():
+            found[inside] = posterior.log_density(theta[inside]) + np.log(theta[inside]).sum(axis=1)
+        return found
+
+    return si.LogDensity(density, names, prior, dict(zip(names, zip(low, high, strict=True), strict=True)))
+
+
 def beside_the_model(number: int, found: Any, observation: si.Observation, reference: si.SMC) -> list[str]:
     """The same posterior by tempered SMC on the model itself."""
+    posterior = si.Posterior(space(), model(), observation)
     began = time.perf_counter()
-    itself = si.sample(si.Posterior(space(), model(), observation), reference, seed=99)
+    itself = si.sample(in_the_logarithms(posterior), reference, seed=99)
     seconds = time.perf_counter() - began
     sizes = [p.bulk_size for p in itself.verdict().parameters.values()]
-    both = [found.sampling.flat[:, :4], itself.flat[:, :4]]
+    both = [found.sampling.flat[:, :4], of_the_logarithms(itself.flat)[:, :4]]
     means = [draws.mean(axis=0) for draws in both] + [in_stiffnesses(draws).mean(axis=0) for draws in both]
     sds = [draws.std(axis=0) for draws in both] + [in_stiffnesses(draws).std(axis=0) for draws in both]
     off = np.concatenate([(means[0] - means[1]) / sds[1], (means[2] - means[3]) / sds[3]])

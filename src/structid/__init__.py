@@ -73,6 +73,7 @@ _PUBLIC = {
     "Weibull": "probability.marginals",
     "calibrate": "calibration.sequential",
     "choose_law": "inference.law_choice",
+    "fragility": "reliability.fragility",
     "first_passage": "reliability.first_passage",
     "load_surrogate": "surrogates.registry",
     "open_runs": "campaign.store",

@@ -49,6 +49,7 @@ from structid.probability.marginals import Uniform as Uniform
 from structid.probability.marginals import Weibull as Weibull
 from structid.probability.space import ParameterSpace as ParameterSpace
 from structid.reliability.first_passage import first_passage as first_passage
+from structid.reliability.fragility import fragility as fragility
 from structid.reliability.parameter_study import parameter_study as parameter_study
 from structid.reliability.passage_probability import passage_probability as passage_probability
 from structid.reliability.passages import Passages as Passages

@@ -19,6 +19,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Model
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
@@ -79,6 +80,8 @@ class PosteriorMaterial(RunsMaterial):
         Whether the study lets the data choose the law of the errors.
     law_choice : LawChoice or None
         What they have chosen.
+    fragility : Fragility or None
+        The probability of a passage, given the data.
     """
 
     result: SamplingResult
@@ -93,6 +96,7 @@ class PosteriorMaterial(RunsMaterial):
     calibration: CalibrationResult | None = None
     left_to_the_data: bool = False
     law_choice: LawChoice | None = None
+    fragility: Fragility | None = None
 
     @property
     def posterior(self) -> Posterior:

@@ -8,6 +8,7 @@ from structid.report.section import Section
 from structid.report.sections import (
     certificate,
     chain_convergence,
+    chance_of_failure,
     deterministic_minima,
     fitted_surrogate,
     law_of_the_errors,
@@ -30,6 +31,7 @@ OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     structure_in_motion.SECTION,
     deterministic_minima.SECTION,
     other_records.SECTION,
+    chance_of_failure.SECTION,
     chain_convergence.SECTION,
     parameters_and_passages.SECTION,
     fitted_surrogate.SECTION,

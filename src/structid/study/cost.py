@@ -165,6 +165,11 @@ def estimate(study: BuiltStudy) -> Cost:
             parts += [*_choice(study), *_searches(study), _sampling(study.posterior, study.sampler)]
             drifting = _drifting(study)
             otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
+        if study.fragility is not None:
+            asked = study.fragility
+            of_each = asked.training + asked.checks if asked.surrogate else asked.draws
+            again = of_each * len(asked.records) * len(asked.levels)
+            parts.append(Part("Records of rising strength", again * each, again))
         parts.append(Part("Predictions, figures and page", PAGE))
     return Cost(tuple(parts), batch, study.plan, otherwise)
 

@@ -52,6 +52,9 @@ VALIDATION = "validation.h5"
 PARAMETER_RUNS = "parameter_study.h5"
 """Runs over the priors."""
 
+FRAGILITY = "fragility.journal"
+"""Who passes, of every record at every level."""
+
 SCRATCH = "scratch"
 """Files that true runs leave."""
 

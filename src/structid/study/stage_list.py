@@ -6,6 +6,7 @@ from structid.study.stages import (
     campaign_runs,
     certified_calibration,
     deterministic_searches,
+    fragility_runs,
     law_of_errors,
     parameter_runs,
     posterior_draws,
@@ -22,6 +23,7 @@ STAGES: tuple[StudyStage, ...] = (
     law_of_errors.STAGE,
     deterministic_searches.STAGE,
     posterior_draws.STAGE,
+    fragility_runs.STAGE,
 )
 """Stages that find something."""
 

@@ -5,17 +5,18 @@ from __future__ import annotations
 import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.band_scale import BandScale
-from structid.inference.assessment.error_growth import error_growth
+from structid.inference.assessment.error_growth import ErrorGrowth, error_growth
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
-from structid.models.face import Progress
+from structid.models.face import Model, Progress
 from structid.streams import Purpose, stream
 
 PEAK_SHARE = (0.5, 0.5)
@@ -50,6 +51,8 @@ class Prediction:
         Ones where nothing is given.
     peak_share : ndarray, shape (draw,), optional
         The power of `peak_ratio` that corrects the peaks of each draw.
+    status : ndarray of int, shape (all draws,), optional
+        How the simulation of each draw ended, those included that are left out.
     """
 
     time: np.ndarray
@@ -62,6 +65,7 @@ class Prediction:
     structural: np.ndarray | None = field(default=None, repr=False)
     peak_ratio: np.ndarray | None = None
     peak_share: np.ndarray | None = None
+    status: np.ndarray | None = field(default=None, repr=False)
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -137,38 +141,159 @@ def predict(
     Prediction
         Draws whose simulation succeeded.
     """
-    record = posterior.observations[0].record if record is None else record
-    prediction = _predicted(posterior, theta, record, channels, seed, progress, drift)
-    measured = next((o for o in posterior.observations if o.record is record), None)
-    if not scaled or not len(prediction.response):
-        return prediction
-    if measured is not None:
-        known = tuple(c for c in measured.channels if c in prediction.channels)
-        here, there = ([own.index(c) for c in known] for own in (prediction.channels, measured.channels))
-        scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, here], record.dt)
-        whole = _scaled(prediction, scale, known, record.dt)
-        return replace(whole, response=prediction.response)  # its parameters have not been moved
-    # The measured record once more costs an expensive model as many runs again.
-    if posterior.costs_runs:
-        return prediction
-    observation = posterior.observations[0]
-    scale, ratio = _of_the_measured_record(posterior, theta, seed, drift)
-    ratios = dict(zip(observation.channels, ratio, strict=True))
-    own = np.array([ratios.get(channel, 1.0) for channel in prediction.channels])
-    share = stream(seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
-    return replace(_scaled(prediction, scale, observation.channels, record.dt), peak_ratio=own, peak_share=share)
+    return Predictor(posterior, theta, seed, drift, scaled).on(record, channels, progress)
 
 
-def _of_the_measured_record(
-    posterior: Posterior, theta: np.ndarray, seed: int, drift: ParameterDrift | None
-) -> tuple[BandScale, np.ndarray]:
-    """What a prediction of the first measured record, made as for another one, would have held of it, and the ratio of peaks."""
-    observation = posterior.observations[0]
-    another = copy.copy(observation.record)  # records are told apart by identity
-    prediction = _predicted(posterior, theta, another, None, seed, None, drift, instrument=True)
-    scale = BandScale.of(observation.values, prediction.observable, another.dt)
-    scaled = _scaled(prediction, scale, observation.channels, another.dt)
-    return scale, _peak_ratio(observation.values, scaled, stream(seed, Purpose.NOISE_OF_THE_PEAK))
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Predicts the response of the same draws to one record after another; see `predict`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (draw, parameter)
+        Draws in SI.
+    seed : int
+        Seed of the discrepancy.
+    drift : ParameterDrift, optional
+        How far the parameters of another record may be from those of the measured ones.
+    scaled : bool
+        Whether the errors are scaled by what their band holds of the measured record.
+    """
+
+    posterior: Posterior
+    theta: np.ndarray = field(repr=False)
+    seed: int = 0
+    drift: ParameterDrift | None = None
+    scaled: bool = True
+
+    def on(
+        self,
+        record: Excitation | None = None,
+        channels: tuple[str, ...] | None = None,
+        progress: Progress | None = None,
+        stand_in: Model | None = None,
+    ) -> Prediction:
+        """Predict the response to a record.
+
+        Parameters
+        ----------
+        record : Excitation, optional
+            The record; the first measured one when left out.
+        channels : tuple of str, optional
+            What to predict; what was measured when left out.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+        stand_in : Model, optional
+            A surrogate that knows that record, in the model's place. The errors that are added are the model's.
+
+        Returns
+        -------
+        Prediction
+            Draws whose simulation succeeded.
+        """
+        posterior = self.posterior
+        record = posterior.observations[0].record if record is None else record
+        prediction = self._responding(record, channels, progress, stand_in=stand_in)
+        measured = next((o for o in posterior.observations if o.record is record), None)
+        if not self.scaled or not len(prediction.response):
+            return prediction
+        if measured is not None:
+            known = tuple(c for c in measured.channels if c in prediction.channels)
+            here, there = ([own.index(c) for c in known] for own in (prediction.channels, measured.channels))
+            scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, here], record.dt)
+            whole = _scaled(prediction, scale, known, record.dt)
+            return replace(whole, response=prediction.response)  # its parameters have not been moved
+        # The measured record once more costs an expensive model as many runs again.
+        if posterior.costs_runs:
+            return prediction
+        observation = posterior.observations[0]
+        scale, ratio = self._of_the_measured_record
+        ratios = dict(zip(observation.channels, ratio, strict=True))
+        own = np.array([ratios.get(channel, 1.0) for channel in prediction.channels])
+        share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
+        whole = _scaled(prediction, scale, observation.channels, record.dt)
+        return replace(whole, peak_ratio=own, peak_share=share)
+
+    @cached_property
+    def _of_the_measured_record(self) -> tuple[BandScale, np.ndarray]:
+        """What a prediction of the first measured record, made as for another one, would have held of it; the ratio of peaks."""
+        observation = self.posterior.observations[0]
+        another = copy.copy(observation.record)  # records are told apart by identity
+        prediction = self._responding(another, None, None, instrument=True)
+        scale = BandScale.of(observation.values, prediction.observable, another.dt)
+        scaled = _scaled(prediction, scale, observation.channels, another.dt)
+        return scale, _peak_ratio(observation.values, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+
+    @cached_property
+    def _growth_of_errors(self) -> dict[int, ErrorGrowth]:
+        return {}
+
+    def _growth(self, index: int) -> ErrorGrowth:
+        """How the errors of an observation grow with the motion, which costs one run, once."""
+        if index not in self._growth_of_errors:
+            self._growth_of_errors[index] = error_growth(self.posterior, self.theta.mean(axis=0), index)
+        return self._growth_of_errors[index]
+
+    def _responding(
+        self,
+        record: Excitation,
+        channels: tuple[str, ...] | None,
+        progress: Progress | None,
+        instrument: bool = False,
+        stand_in: Model | None = None,
+    ) -> Prediction:
+        """Draws of the response; of another record with the first observation's instrument only if asked for."""
+        posterior, theta, seed, drift = self.posterior, self.theta, self.seed, self.drift
+        observations, hidden = posterior.observations, stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+        if drift is not None and not posterior.law.inside and all(o.record is not record for o in observations):
+            theta = drift.moved(theta, hidden)
+        model, parameters, index = posterior.likelihood.on_record(theta, record, hidden)
+        observation = observations[index or 0]
+        channels = observation.channels if channels is None else tuple(channels)
+        every = tuple(dict.fromkeys((*observation.channels, *channels)))
+        if stand_in is not None:
+            space = posterior.model_space
+            model, parameters = stand_in, np.asarray(space.columns(theta[:, : space.dimension], stand_in.free))
+        elif set(every) - set(model.channels):
+            model = model.recording(*every)
+        run = model.simulate(parameters, record, progress=progress, map=posterior.map)
+        good = run.done
+        response = run.values[good][:, :, [run.channels.index(c) for c in every]]
+        unknown = posterior.unknowns(theta[good], index or 0)
+        measured = slice(0, len(observation.channels))
+        if (index is not None or instrument) and len(response):
+            shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
+            response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
+        scale = self._growth(index or 0).scale(response[:, :, measured], record.dt)
+        if observation.sd is not None:
+            # Known for the measured record; of another one it is the mean square that carries over.
+            sd = np.asarray(observation.sd)
+            scale = sd if index is not None else scale * np.sqrt(np.mean(sd**2, axis=0))
+
+        def erring(law: Discrepancy | None, purpose: Purpose) -> np.ndarray:
+            found = response.copy()
+            if law is not None:
+                shape = (len(response), response.shape[1], measured.stop)
+                rng = stream(seed, purpose, index or 0)
+                found[:, :, measured] += scale * law.draw(rng, shape, unknown, observation.channels, record.dt)
+            return np.asarray(found[:, :, [every.index(c) for c in channels]])
+
+        law = posterior.discrepancy
+        purpose = Purpose.PREDICTION_ON_ANOTHER_RECORD if index is None else Purpose.PREDICTION_ON_THE_RECORD
+        units = run.units | {c: observation.channel_unit(c) for c in observation.channels if c in observation.units}
+        return Prediction(
+            run.time,
+            channels,
+            erring(None, purpose),
+            erring(law, purpose),
+            int((~good).sum()),
+            record.name,
+            {c: units[c] for c in channels},
+            erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
+            status=run.status,
+        )
 
 
 def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
@@ -212,65 +337,6 @@ def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt
         response=applied(prediction.response, narrowed),
         observable=applied(prediction.observable),
         structural=applied(structural, widened),
-    )
-
-
-def _predicted(
-    posterior: Posterior,
-    theta: np.ndarray,
-    record: Excitation,
-    channels: tuple[str, ...] | None,
-    seed: int,
-    progress: Progress | None,
-    drift: ParameterDrift | None,
-    instrument: bool = False,
-) -> Prediction:
-    """Draws of the response; of another record with the first observation's instrument only if asked for."""
-    observations = posterior.observations
-    fit, hidden = theta, stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
-    if drift is not None and not posterior.law.inside and all(o.record is not record for o in observations):
-        theta = drift.moved(theta, hidden)
-    model, parameters, index = posterior.likelihood.on_record(theta, record, hidden)
-    observation = observations[index or 0]
-    channels = observation.channels if channels is None else tuple(channels)
-    every = tuple(dict.fromkeys((*observation.channels, *channels)))
-    if set(every) - set(model.channels):
-        model = model.recording(*every)
-    run = model.simulate(parameters, record, progress=progress, map=posterior.map)
-    good = run.done
-    response = run.values[good][:, :, [run.channels.index(c) for c in every]]
-    unknown = posterior.unknowns(theta[good], index or 0)
-    measured = slice(0, len(observation.channels))
-    if (index is not None or instrument) and len(response):
-        shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
-        response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
-    growth = error_growth(posterior, fit.mean(axis=0), index or 0)
-    scale = growth.scale(response[:, :, measured], record.dt)
-    if observation.sd is not None:
-        # Known for the measured record; of another one it is the mean square that carries over.
-        sd = np.asarray(observation.sd)
-        scale = sd if index is not None else scale * np.sqrt(np.mean(sd**2, axis=0))
-
-    def erring(law: Discrepancy | None, purpose: Purpose) -> np.ndarray:
-        found = response.copy()
-        if law is not None:
-            shape = (len(response), response.shape[1], measured.stop)
-            rng = stream(seed, purpose, index or 0)
-            found[:, :, measured] += scale * law.draw(rng, shape, unknown, observation.channels, record.dt)
-        return np.asarray(found[:, :, [every.index(c) for c in channels]])
-
-    law = posterior.discrepancy
-    purpose = Purpose.PREDICTION_ON_ANOTHER_RECORD if index is None else Purpose.PREDICTION_ON_THE_RECORD
-    units = run.units | {c: observation.channel_unit(c) for c in observation.channels if c in observation.units}
-    return Prediction(
-        run.time,
-        channels,
-        erring(None, purpose),
-        erring(law, purpose),
-        int((~good).sum()),
-        record.name,
-        {c: units[c] for c in channels},
-        erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
     )
 
 

@@ -16,6 +16,7 @@ from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
+from structid.study.building.fragilities import PlannedFragility
 from structid.study.building.named_kind import kind_named
 from structid.study.building.parameter_studies import PlannedParameterStudy
 from structid.study.schema.study_file import StudyFile
@@ -56,6 +57,8 @@ class BuiltStudy:
         How true runs are spent on a certified calibration, if the study asks for one.
     parameter_study : PlannedParameterStudy or None
         Runs over the priors, if the study asks for them.
+    fragility : PlannedFragility or None
+        Records of rising strength, if the study asks for a fragility.
     """
 
     file: StudyFile
@@ -72,6 +75,7 @@ class BuiltStudy:
     other_records: tuple[GroundMotion, ...]
     plan: Plan | None
     parameter_study: PlannedParameterStudy | None = None
+    fragility: PlannedFragility | None = None
 
     @property
     def content_hash(self) -> str:

@@ -14,6 +14,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.campaigns import build_campaign
 from structid.study.building.checks import check_before_anything_is_written
+from structid.study.building.fragilities import planned_fragility
 from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy, build_observation
 from structid.study.building.parameter_studies import planned_parameter_study
@@ -62,6 +63,11 @@ def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
         "record": file.record,
         **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
         **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records)},
+        **(
+            {}
+            if file.fragility is None
+            else {f"fragility.records.{i}": r for i, r in enumerate(file.fragility.records)}
+        ),
     }
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
     parts: list[Callable[[], object]] = [
@@ -111,7 +117,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
     study = BuiltStudy(
         file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan,
-        planned_parameter_study(file, space, model),
+        planned_parameter_study(file, space, model), planned_fragility(file, folder, model),
     )  # fmt: skip
     check_before_anything_is_written(study)
     return study

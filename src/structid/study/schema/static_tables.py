@@ -125,6 +125,19 @@ class ParameterStudySection(Section):
     peaks: tuple[str, ...] = ()
 
 
+class FragilitySection(Section):
+    """The probability of a passage or a failure, given the data, for records of rising strength; see `fragility`."""
+
+    channel: str
+    limit: float | str
+    pga: Annotated[tuple[MetresPerSecondSquared, ...], Field(min_length=1)]
+    records: Annotated[tuple[RecordSection, ...], Field(min_length=1)]
+    draws: int = Field(default=100, ge=10)
+    surrogate: bool | None = None
+    training: int = Field(default=60, ge=10)
+    checks: int = Field(default=30, ge=5)
+
+
 class CalibrationSection(Section):
     """True runs where the posterior is, until a certificate holds; see `calibrate`."""
 

@@ -34,6 +34,7 @@ from structid.study.schema.static_tables import (
     CalibrationSection,
     CampaignSection,
     DeterministicSection,
+    FragilitySection,
     ModelSection,
     ObservationSection,
     ParameterStudySection,
@@ -68,6 +69,7 @@ class StudyFile(Section):
     sampler: SamplerSection
     deterministic: DeterministicSection = DeterministicSection()
     prediction: PredictionSection = PredictionSection()
+    fragility: FragilitySection | None = None
 
 
 def study_file() -> type[StudyFile]:

@@ -55,6 +55,7 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
         left_to_the_data=study.law_is_open,
         law_choice=found.law_choice,
         parameter_study=found.parameter_study,
+        fragility=found.fragility,
     )
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
         drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)

@@ -13,6 +13,7 @@ from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
 from structid.runs import Runs
 from structid.study.building.built_study import BuiltStudy
@@ -83,6 +84,8 @@ class Findings:
         Draws and verdict.
     parameter_study : ParameterStudy or None
         What runs over the priors tell.
+    fragility : Fragility or None
+        The probability of a passage, given the data.
     """
 
     study: BuiltStudy
@@ -94,6 +97,7 @@ class Findings:
     law_choice: LawChoice | None = None
     result: SamplingResult | None = None
     parameter_study: ParameterStudy | None = None
+    fragility: Fragility | None = None
 
 
 @dataclass(frozen=True)

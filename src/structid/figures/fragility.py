@@ -1,0 +1,66 @@
+"""Figure of a fragility: probabilities over the strength of the ground motion, with what the data leave open."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@styled
+def curve(
+    levels: np.ndarray,
+    of_each: np.ndarray,
+    probability: np.ndarray,
+    error: np.ndarray,
+    band: tuple[np.ndarray, np.ndarray],
+    fitted: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
+    words: str,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw a fragility.
+
+    Parameters
+    ----------
+    levels : ndarray, shape (level,)
+        Peak ground accelerations [m/s²].
+    of_each : ndarray, shape (record, level)
+        Probability of each record.
+    probability, error : ndarray, shape (level,)
+        Mean over the records and its standard error.
+    band : pair of ndarray, shape (level,)
+        Edges of what the data leave open.
+    fitted : tuple of ndarray, shape (point,)
+        Accelerations, the fitted curve there, and the edges of its band; NaN if there is none.
+    words : str
+        Formula of the fitted curve.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    figure, axes = canvas(1, 1, height=2.9)
+    axis = axes[0, 0]
+    for number, row in enumerate(of_each):
+        label = f"each of {len(of_each)} records" if number == 0 and len(of_each) > 1 else None
+        axis.plot(levels, row, color=MUTED, lw=0.7, label=label)
+    axis.fill_between(levels, *band, color=ACCENT, alpha=0.2, lw=0, label="90 % of the posterior draws")
+    axis.errorbar(levels, probability, 2.0 * error, fmt="o", ms=4, color=MODEL, lw=1.0, label="probability ± 2 errors")
+    at, middle, low, high = fitted
+    if np.isfinite(middle).all():
+        axis.plot(at, middle, color=MODEL, lw=1.2, label=words)
+    if np.isfinite(low).all():
+        axis.fill_between(at, low, high, color=MODEL, alpha=0.12, lw=0, label="90 % with other records")
+    axis.set_ylim(-0.03, 1.03)
+    axis.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    name_axes(axis, ("peak ground acceleration", "m/s²"), ("P(passage or failure | data)", ""))
+    return finish(figure, save=save)

@@ -1,0 +1,41 @@
+"""A share that a surrogate gives, corrected by what it gets wrong among some true runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def corrected_share(found: np.ndarray, checked: np.ndarray, true: np.ndarray) -> tuple[float, float]:
+    """Correct a share by a difference that true runs tell.
+
+    ::
+
+        p̂ = mean(I_s) + mean(I_t − I_s),    var p̂ = p (1 − p)/N + (q − d̄²)/m
+
+    The first mean is over all N draws, the second, d̄, over m of them. q is the share of those on which surrogate and model
+    disagree, (k + ½)/(m + 1) of k, so that m runs without a disagreement do not tell that there is none.
+
+    Parameters
+    ----------
+    found : ndarray, shape (draw,)
+        1 where a draw passes, 0 where not, by the surrogate; NaN where it is not known.
+    checked, true : ndarray, shape (check,)
+        The same of some draws by the surrogate and by the model; empty where `found` is the model's.
+
+    Returns
+    -------
+    tuple of float
+        The share, between 0 and 1, and its standard error.
+    """
+    known = found[np.isfinite(found)]
+    if not len(known):
+        return float("nan"), float("nan")
+    share = float(known.mean())
+    variance = share * (1.0 - share) / len(known)
+    difference = (true - checked)[np.isfinite(true - checked)]
+    if len(checked):
+        shift = float(difference.mean()) if len(difference) else 0.0
+        disagree = (np.count_nonzero(difference) + 0.5) / (len(difference) + 1.0)
+        share += shift
+        variance += max(disagree - shift**2, 0.0) / max(len(difference), 1)
+    return float(np.clip(share, 0.0, 1.0)), float(np.sqrt(variance))

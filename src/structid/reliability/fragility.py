@@ -1,0 +1,381 @@
+"""The probability that a structure passes a limit or fails, given the data, for records of rising strength."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy
+
+from structid.errors import InputError, Status, names_checked
+from structid.ground_motion.record import GroundMotion
+from structid.inference.assessment.parameter_drift import ParameterDrift
+from structid.inference.assessment.prediction import Predictor
+from structid.inference.likelihood.posterior import Posterior
+from structid.journal import Journal, digest
+from structid.models.face import Model, Progress
+from structid.notebook import ShownAsText
+from structid.reliability.corrected_share import corrected_share
+from structid.reliability.stand_in import fitted_stand_in
+from structid.streams import Purpose, stream
+from structid.surrogates.face import SurrogateSettings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RESAMPLES = 200
+"""Draws of records and of parameters, by which the error of a fitted curve is found."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fragility(ShownAsText):
+    """Probability of a passage or of a failure, given the data, over the strength of the ground motion.
+
+    Parameters
+    ----------
+    channel : str
+        Whose absolute value passes.
+    limit : float
+        In the channel's SI unit.
+    levels : ndarray, shape (level,)
+        Peak ground accelerations [m/s²].
+    records : tuple of str
+        Names of the records.
+    passed : ndarray, shape (draw, record, level)
+        1 where a draw's response to a record passes or the structure fails, 0 where not, NaN where the run failed otherwise.
+    of_each : ndarray, shape (record, level)
+        The probability for each record over the draws, corrected by true runs where a surrogate stood in.
+    error_of_each : ndarray, shape (record, level)
+        Its standard error: of the draws, and of the correction.
+    true_runs : int
+        Runs of the model itself.
+    seed : int
+        Of the resampling.
+    """
+
+    channel: str
+    limit: float
+    levels: np.ndarray
+    records: tuple[str, ...]
+    passed: np.ndarray = field(repr=False)
+    of_each: np.ndarray = field(repr=False)
+    error_of_each: np.ndarray = field(repr=False)
+    true_runs: int
+    seed: int = 0
+
+    @property
+    def probability(self) -> np.ndarray:
+        """Mean over the records, shape (level,)."""
+        return np.asarray(self.of_each.mean(axis=0))
+
+    @property
+    def error(self) -> np.ndarray:
+        """Its standard error, shape (level,): of several records their scatter, which holds the rest; of one the draws' alone."""
+        count = len(self.records)
+        within = np.sqrt((self.error_of_each**2).sum(axis=0)) / count
+        if count == 1:
+            return np.asarray(within)
+        return np.asarray(np.maximum(self.of_each.std(axis=0, ddof=1) / np.sqrt(count), within))
+
+    def band(self, probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+        """What the data leave open: the central interval over the draws of the share of the records that each passes.
+
+        Parameters
+        ----------
+        probability : float
+            Of the interval.
+
+        Returns
+        -------
+        tuple of ndarray, shape (level,)
+            Lower and upper edge.
+        """
+        shares = np.nanmean(self.passed, axis=1)
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.nanquantile(shares, [tail, 1.0 - tail], axis=0, method="inverted_cdf")
+        return low, high
+
+    @cached_property
+    def curve(self) -> tuple[float, float]:
+        """Median θ [m/s²] and dispersion β of the curve Φ(ln(a/θ)/β) that fits best; NaN if no level tells them.
+
+        By maximum likelihood of the numbers of records that pass (J. W. Baker 2015, doi 10.1193/021113EQS025M).
+        """
+        return _lognormal(self.levels, self.probability, len(self.records))
+
+    @cached_property
+    def curve_error(self) -> tuple[float, float]:
+        """Standard errors of ln θ and of β by resampling; NaN where too few resamples tell them."""
+        if len(self._resampled) < RESAMPLES // 2:
+            return float("nan"), float("nan")
+        return float(np.log(self._resampled[:, 0]).std(ddof=1)), float(self._resampled[:, 1].std(ddof=1))
+
+    @cached_property
+    def _resampled(self) -> np.ndarray:
+        """Curves of resampled records and draws, those that are told, shape (resample, 2)."""
+        rng = stream(self.seed, Purpose.FRAGILITY_RESAMPLES)
+        draws, records, _ = self.passed.shape
+        found = []
+        for _ in range(RESAMPLES):
+            rows, columns = rng.integers(draws, size=draws), rng.integers(records, size=records)
+            shares = np.nanmean(self.passed[rows][:, columns], axis=(0, 1))
+            found.append(_lognormal(self.levels, shares, records))
+        each = np.array(found)
+        return np.asarray(each[np.isfinite(each).all(axis=1)])
+
+    def curve_band(self, at: np.ndarray, probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+        """Where the fitted curve would be with other records and draws: the central interval over resamples.
+
+        Parameters
+        ----------
+        at : ndarray, shape (point,)
+            Peak ground accelerations [m/s²].
+        probability : float
+            Of the interval.
+
+        Returns
+        -------
+        tuple of ndarray, shape (point,)
+            Lower and upper edge; NaN where too few resamples tell a curve.
+        """
+        if len(self._resampled) < RESAMPLES // 2:
+            return np.full(len(at), np.nan), np.full(len(at), np.nan)
+        curves = scipy.stats.norm.cdf(np.log(at / self._resampled[:, :1]) / self._resampled[:, 1:])
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(curves, [tail, 1.0 - tail], axis=0)
+        return low, high
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the probabilities, the fitted curve and the band.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            One panel.
+        """
+        from structid.figures import fragility as figures
+
+        at = np.linspace(0.5 * self.levels.min(), self.levels.max(), 200)
+        fitted = scipy.stats.norm.cdf(np.log(at / self.curve[0]) / self.curve[1])
+        words = f"Φ(ln(a/{self.curve[0]:.3g}) / {self.curve[1]:.2f})"
+        return figures.curve(
+            self.levels, self.of_each, self.probability, self.error, self.band(), (at, fitted, *self.curve_band(at)), words,
+            save=save,
+        )  # fmt: skip
+
+    def __str__(self) -> str:
+        lines = [
+            f"Fragility: {self.channel} over {self.limit:g}, {len(self.records)} record{'s'[: len(self.records) > 1]}, "
+            f"{self.true_runs} true runs"
+        ]
+        low, high = self.band()
+        for each in zip(self.levels, self.probability, self.error, low, high, strict=True):
+            lines.append("  {:7.3f} m/s²   {:.3f} ± {:.3f}   90 % of the draws {:.2f} to {:.2f}".format(*each))
+        median, dispersion = self.curve
+        if np.isfinite(median):
+            lines.append(f"  median {median:.3g} m/s², dispersion {dispersion:.2f}")
+        return "\n".join(lines)
+
+
+@names_checked
+def fragility(
+    posterior: Posterior,
+    draws: np.ndarray,
+    records: Sequence[GroundMotion],
+    channel: str,
+    limit: float,
+    levels: Sequence[float] | None = None,
+    *,
+    drift: ParameterDrift | None = None,
+    surrogate: SurrogateSettings | None = None,
+    training: int = 60,
+    checks: int = 30,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> Fragility:
+    """Find the probability that a structure passes a limit or fails, given the data.
+
+    The responses are those of `predict`: with the model's own error where the channel was measured, and with its drift. Each draw
+    is simulated on each record at each level. Where the model is expensive, a surrogate is fitted at each of them to the first
+    `training` draws, `checks` others are simulated too, and what the surrogate gets wrong among those corrects the share of the
+    rest: the estimate is unbiased however bad the surrogate is, and its error says what the correction leaves open.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On the true model.
+    draws : ndarray, shape (draw, parameter)
+        Of the posterior in SI, such as ``result.thinned(200)``.
+    records : sequence of GroundMotion
+        What may come.
+    channel : str
+        Whose absolute value must pass; one that was measured has the model's error.
+    limit : float
+        In the channel's SI unit.
+    levels : sequence of float, optional
+        Peak ground accelerations [m/s²] to which every record is scaled; of one record its own when left out.
+    drift : ParameterDrift, optional
+        See `predict`.
+    surrogate : SurrogateSettings, optional
+        Stands in for the model at most draws, such as ``PODKriging()``; without one every draw is a true run.
+    training, checks : int
+        Draws it is fitted to, and draws that correct it.
+    seed : int
+        Seed.
+    store : path-like, optional
+        A file for what is done; a killed computation continues from it.
+    progress : callable, optional
+        Called with the number of finished pairs of record and level, and their number.
+
+    Returns
+    -------
+    Fragility
+        Probabilities with their errors, and the band of what the data leave open.
+
+    Raises
+    ------
+    InputError
+        If there is no record, several and no levels, a limit or a level that is not positive, or too few draws for a surrogate.
+    StoreMismatchError
+        If `store` belongs to another computation.
+    """
+    draws = np.asarray(draws, dtype=float)
+    motions = _scaled(records, levels)
+    if not limit > 0.0:
+        raise InputError("fragility(limit)", f"{limit:g}", "a positive limit")
+    if surrogate is not None and len(draws) < training + checks + 1:
+        raise InputError(
+            "fragility(draws)",
+            f"{len(draws)} draws",
+            f"more than {training + checks}: {training} train and {checks} check",
+        )
+    pair = _Pair(posterior, draws, channel, float(limit), drift, surrogate, training, checks, seed)
+    journal = None if store is None else Journal(store, pair.identity(motions))
+    found = [] if journal is None else [_read(entry) for entry in journal]
+    every = [motion for of_one in motions for motion in of_one]
+    for number in range(len(found), len(every)):
+        found.append(pair.simulated(every[number]))
+        if journal is not None:
+            journal.append(_entry(found[-1]))
+        if progress is not None:
+            progress(number + 1, len(every))
+    shape = len(motions), len(motions[0])
+    passed = np.stack([p for p, _, _ in found], axis=1).reshape(len(draws), *shape)
+    shares, errors = (np.array([each[k] for each in found]).reshape(shape) for k in (1, 2))
+    heights = np.array([motion.pga for motion in motions[0]] if levels is None else levels, dtype=float)
+    names = tuple(record.name for record in records)
+    return Fragility(channel, float(limit), heights, names, passed, shares, errors, len(every) * pair.true_runs, seed)
+
+
+Found = tuple[np.ndarray, float, float]
+"""Who passed, the share of them, and its error, of one record at one level."""
+
+
+def _entry(found: Found) -> dict[str, np.ndarray]:
+    return {"passed": found[0], "share": np.array(found[1:])}
+
+
+def _read(entry: Mapping[str, np.ndarray]) -> Found:
+    share, error = map(float, entry["share"])
+    return np.asarray(entry["passed"]), share, error
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """What is done for every record at every level."""
+
+    posterior: Posterior
+    draws: np.ndarray
+    channel: str
+    limit: float
+    drift: ParameterDrift | None
+    surrogate: SurrogateSettings | None
+    training: int
+    checks: int
+    seed: int
+
+    @property
+    def true_runs(self) -> int:
+        """Runs of the model itself."""
+        return len(self.draws) if self.surrogate is None else self.training + self.checks
+
+    def identity(self, motions: list[list[GroundMotion]]) -> dict[str, Any]:
+        """What the numbers depend on."""
+        settings = None if self.surrogate is None else [repr(self.surrogate), self.training, self.checks]
+        return {
+            "posterior": self.posterior.content_hash,
+            "draws": digest(self.draws),
+            "asked": digest([self.channel, self.limit, self.seed, self.drift is not None, settings]),
+            "records": digest([[motion.content_hash for motion in of_one] for of_one in motions]),
+        }
+
+    @cached_property
+    def predictor(self) -> Predictor:
+        return Predictor(self.posterior, self.draws, self.seed, self.drift, scaled=self.surrogate is None)
+
+    @cached_property
+    def checking(self) -> Predictor:
+        """The same errors are added to surrogate and model, which then differ by their responses alone."""
+        some = self.draws[self.training : self.training + self.checks]
+        return Predictor(self.posterior, some, self.seed, self.drift, scaled=False)
+
+    def simulated(self, motion: GroundMotion) -> Found:
+        if self.surrogate is None:
+            found = self.passed(self.predictor, motion)
+            return found, *corrected_share(found, found[:0], found[:0])
+        stand_in = fitted_stand_in(self.posterior, self.draws[: self.training], motion, self.channel, self.surrogate)
+        found = self.passed(self.predictor, motion, stand_in)
+        both = (self.passed(self.checking, motion, model) for model in (stand_in, None))
+        return found, *corrected_share(found, *both)
+
+    def passed(self, predictor: Predictor, motion: GroundMotion, stand_in: Model | None = None) -> np.ndarray:
+        """Whether each draw passes: 1 or 0, NaN where the run failed and the structure did not, shape (draw,)."""
+        prediction = predictor.on(motion, (self.channel,), stand_in=stand_in)
+        status: Any = prediction.status
+        found = np.where(status == Status.STRUCTURE_FAILED, 1.0, np.nan)
+        found[status == Status.DONE] = prediction.peaks[:, 0] > self.limit
+        return found
+
+
+def _scaled(records: Sequence[GroundMotion], levels: Sequence[float] | None) -> list[list[GroundMotion]]:
+    """Every record at every level."""
+    if not len(records):
+        raise InputError("fragility(records)", "none", "one or more")
+    if levels is None:
+        if len(records) > 1:
+            raise InputError(
+                "fragility(levels)", f"none for {len(records)} records", "peak ground accelerations [m/s²]"
+            )
+        return [[records[0]]]
+    if not len(levels) or min(levels) <= 0.0:
+        raise InputError(
+            "fragility(levels)", f"{list(levels)}", "one or more positive peak ground accelerations [m/s²]"
+        )
+    return [[record.scale_to_pga(level) for level in levels] for record in records]
+
+
+def _lognormal(levels: np.ndarray, shares: np.ndarray, records: int) -> tuple[float, float]:
+    """Median and dispersion of the curve under which shares of so many records are most probable."""
+    tells = np.ptp(shares) > 0.0 and len(levels) > 1
+    if not tells:
+        return float("nan"), float("nan")
+
+    def unlikely(parameters: np.ndarray) -> float:
+        p = scipy.stats.norm.cdf((np.log(levels) - parameters[0]) / np.exp(parameters[1]))
+        p = np.clip(p, 1e-9, 1.0 - 1e-9)
+        return float(-records * np.sum(shares * np.log(p) + (1.0 - shares) * np.log1p(-p)))
+
+    start = [np.interp(0.5, np.maximum.accumulate(shares), np.log(levels)), np.log(0.3)]
+    bounds = [(np.log(levels).min() - 3.0, np.log(levels).max() + 3.0), (np.log(0.01), np.log(5.0))]
+    found = scipy.optimize.minimize(unlikely, start, method="L-BFGS-B", bounds=bounds)
+    return float(np.exp(found.x[0])), float(np.exp(found.x[1]))

@@ -1,0 +1,49 @@
+"""A surrogate of a model on one record, fitted where its posterior is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from structid.ground_motion.record import GroundMotion
+from structid.inference.likelihood.posterior import Posterior
+from structid.probability.designs import Design
+from structid.runs import Runs
+from structid.surrogates.face import Surrogate, SurrogateSettings
+
+
+def fitted_stand_in(
+    posterior: Posterior, draws: np.ndarray, record: GroundMotion, channel: str, settings: SurrogateSettings
+) -> Surrogate:
+    """Fit a surrogate to true runs at draws.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On the true model.
+    draws : ndarray, shape (draw, parameter)
+        Of the posterior in SI.
+    record : GroundMotion
+        What drives it.
+    channel : str
+        What must be known besides what was measured.
+    settings : SurrogateSettings
+        Of the surrogate.
+
+    Returns
+    -------
+    Surrogate
+        For that record alone. Runs that failed are left out of it.
+    """
+    measured = tuple(dict.fromkeys(c for o in posterior.observations for c in o.channels))
+    channels = tuple(dict.fromkeys((*measured, channel)))
+    space = posterior.model_space
+    design = Design(draws[:, : space.dimension], space)
+    model = posterior.model.recording(*channels)
+    histories = model.simulate(design, record, map=posterior.map)
+    lenient: Any = replace(settings, outside="allow")  # type: ignore[type-var]
+    surrogate: Surrogate = lenient.fit(Runs.from_histories(design, histories, record))
+    surrogate.trust()  # true runs correct it
+    return surrogate

@@ -1,0 +1,93 @@
+"""The fragility that a study file asks for: its records and its limit in SI."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from structid.errors import InputError
+from structid.ground_motion.record import GroundMotion
+from structid.models.face import Model
+from structid.study.building.records import load_record
+from structid.study.schema.study_file import StudyFile
+from structid.units import to_si
+
+
+@dataclass(frozen=True)
+class PlannedFragility:
+    """What a fragility needs.
+
+    Parameters
+    ----------
+    records : tuple of GroundMotion
+        What may come.
+    levels : tuple of float
+        Peak ground accelerations [m/s²] to which they are scaled.
+    channel : str
+        Whose absolute value passes.
+    limit : float
+        In SI.
+    draws : int
+        Of the posterior.
+    surrogate : bool
+        Whether a surrogate stands in for the model at most draws.
+    training, checks : int
+        Draws it is fitted to, and draws that correct it.
+    """
+
+    records: tuple[GroundMotion, ...]
+    levels: tuple[float, ...]
+    channel: str
+    limit: float
+    draws: int
+    surrogate: bool
+    training: int
+    checks: int
+
+
+def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFragility | None:
+    """Plan the fragility of a file.
+
+    Parameters
+    ----------
+    file : StudyFile
+        What it says.
+    folder : Path
+        Where relative paths start.
+    model : Model
+        The model. An expensive one has a surrogate in its place at most draws, unless the file says otherwise.
+
+    Returns
+    -------
+    PlannedFragility or None
+        None if the file asks for none.
+
+    Raises
+    ------
+    InputError
+        If nothing is measured, a record cannot be read, the limit has another dimension than its channel, or there are too few
+        draws for a surrogate.
+    """
+    section = file.fragility
+    if section is None:
+        return None
+    if not file.observation:
+        raise InputError("table 'fragility'", "no [observation]", "a measurement, given which the probability is")
+    records = tuple(load_record(r, folder, f"fragility.records.{i}") for i, r in enumerate(section.records))
+    unit = model.recording(section.channel).channel_units[section.channel].si
+    stands_in = not model.batched if section.surrogate is None else section.surrogate
+    needed = section.training + section.checks + 1
+    if stands_in and section.draws < needed:
+        raise InputError(
+            "key 'fragility.draws'", f"{section.draws}, with a surrogate that takes {needed - 1}", f"{needed} or more"
+        )
+    return PlannedFragility(
+        records,
+        section.pga,
+        section.channel,
+        to_si(section.limit, unit, "key 'fragility.limit'"),
+        section.draws,
+        stands_in,
+        section.training,
+        section.checks,
+    )

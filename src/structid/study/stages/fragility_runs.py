@@ -1,0 +1,37 @@
+"""The probability of a passage or a failure, given the data, for records of rising strength."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from structid.reliability.fragility import fragility
+from structid.study.folder import FRAGILITY
+from structid.study.stages.stage import Findings, StudyStage, Workplace
+from structid.surrogates.pod.pod_kriging import PODKriging
+
+
+def _run(found: Findings, place: Workplace) -> Findings:
+    study, result = found.study, found.result
+    planned = study.fragility
+    assert planned is not None and result is not None and found.true_posterior is not None
+    what = "records of rising strength"
+    with place.stage(what) as progress, place.timings.measured(what, goes_on=True):
+        tells = fragility(
+            found.true_posterior,
+            result.thinned(planned.draws),
+            planned.records,
+            planned.channel,
+            planned.limit,
+            planned.levels,
+            drift=result.drift,
+            surrogate=PODKriging() if planned.surrogate else None,
+            training=planned.training,
+            checks=planned.checks,
+            seed=study.file.seed,
+            store=place.folder / FRAGILITY,
+            progress=progress,
+        )
+    return replace(found, fragility=tells)
+
+
+STAGE = StudyStage(lambda found: found.study.fragility is not None and found.result is not None, _run)
