@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.errors import InputError
-from structid.fem.layout import DOOR, Opening, Wall
+from structid.fem.layout import DOOR, FACADE, Opening, Wall
 from structid.fem.mesh import mesh_of
 
 WINDOWS = Wall(
@@ -13,7 +13,7 @@ WINDOWS = Wall(
 
 
 def test_the_default_has_the_published_counts():
-    mesh = mesh_of(Wall())
+    mesh = mesh_of(FACADE)
     assert (len(mesh.blocks), len(mesh.joints), len(mesh.bars), len(mesh.nodes)) == (15, 34, 7, 60)
     assert len(mesh.free) == 112 and (mesh.bar_lengths == 0.02).sum() == 3
     assert str(mesh) == "Mesh: 15 blocks, 34 joints, 7 bars, 60 nodes, 112 free degrees of freedom"
@@ -21,7 +21,7 @@ def test_the_default_has_the_published_counts():
 
 
 def test_areas_of_blocks_and_joints():
-    for wall in (Wall(), WINDOWS):
+    for wall in (FACADE, Wall(), WINDOWS):
         blocks = sum((b.right - b.left) * (b.top - b.bottom) for b in wall.blocks)
         assert blocks == pytest.approx(wall.width * wall.height - sum(o.width * o.height for o in wall.openings))
         mesh = mesh_of(wall)
@@ -45,7 +45,7 @@ def test_normals_point_from_lower_to_upper_and_from_left_to_right(points):
 
 
 def test_a_wall_on_joints_and_finer_blocks():
-    standing = mesh_of(Wall(), base_joint=True)
+    standing = mesh_of(FACADE, base_joint=True)
     assert len(standing.joints) == 38 and len(standing.free) == 120
     fine = Wall(courses=None, course_height=0.2, block_length=0.3)
     assert max(b.right - b.left for b in fine.blocks) < 0.3 + 1e-9 and len(fine.blocks) > 90

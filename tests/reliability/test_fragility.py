@@ -120,9 +120,7 @@ def test_curves_of_resampled_records_hold_the_true_one() -> None:
     for _ in range(40):
         thresholds = 3.0 * np.exp(0.4 * rng.normal(size=25))
         passed = np.tile(levels[None, None] > thresholds[None, :, None], (20, 1, 1)).astype(float)
-        each = Fragility(
-            "drift", 1.0, levels, ("r",) * 25, passed, passed.mean(axis=0), np.zeros(passed.shape[1:]), 0
-        )
+        each = Fragility("drift", 1.0, levels, ("r",) * 25, passed, passed.mean(axis=0), np.zeros(passed.shape[1:]), 0)
         found.append(np.log(each.curve[0]))
         told.append(each.curve_error[0])
     ratio = np.std(found) / np.median(told)
@@ -140,7 +138,9 @@ def test_a_failure_of_the_structure_is_a_passage() -> None:
     space = si.ParameterSpace(k=si.Uniform(0.1, 2.0))
     model = si.CallableModel(fails_if_soft, free=("k",), channels=("drift",), units={"drift": "m"})
     record = si.GroundMotion(np.sin(np.linspace(0.0, 3.0, 40)), 0.05)
-    posterior = si.Posterior(space, model, si.Observation(record, 0.5 * record.values, channels=("drift",)), si.IID(1e-4))
+    posterior = si.Posterior(
+        space, model, si.Observation(record, 0.5 * record.values, channels=("drift",)), si.IID(1e-4)
+    )
     theta = np.array([[0.2], [0.25], [1.0], [1.9]])
     other = si.GroundMotion(np.sin(np.linspace(0.0, 4.0, 40)), 0.05, name="other")
     found = si.fragility(posterior, theta, [other], "drift", 10.0)
@@ -158,7 +158,13 @@ def test_a_killed_computation_goes_on_to_the_same_numbers(tmp_path, posterior, d
         si.fragility(posterior, draws[:20], RECORDS[:2], "displacement", 0.02, progress=stop, **asked)
     told: list[int] = []
     again = si.fragility(
-        posterior, draws[:20], RECORDS[:2], "displacement", 0.02, progress=lambda done, total: told.append(done), **asked
+        posterior,
+        draws[:20],
+        RECORDS[:2],
+        "displacement",
+        0.02,
+        progress=lambda done, total: told.append(done),
+        **asked,
     )
     assert told == [4], "three of four were done"
     whole = si.fragility(posterior, draws[:20], RECORDS[:2], "displacement", 0.02, levels=[1.0, 2.0], seed=3)

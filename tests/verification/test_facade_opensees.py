@@ -14,7 +14,7 @@ import pytest
 import structid as si
 from structid.fem.assembly import Assembly, Masonry
 from structid.fem.dense_newton import DenseWall, simulate
-from structid.fem.layout import Wall
+from structid.fem.layout import FACADE
 from structid.fem.mesh import mesh_of
 from structid.mechanics.cohesive_laws import cohesive_law
 
@@ -48,7 +48,7 @@ class Lumped(Assembly):
         return np.diag(lumped[mesh.free])
 
 
-ASSEMBLY = Lumped(mesh_of(Wall()), Masonry())
+ASSEMBLY = Lumped(mesh_of(FACADE), Masonry())
 LEFT, RIGHT = (ASSEMBLY.mesh.corner(name) for name in ("top_left", "top_right"))
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from structid.reliability.fragility import fragility
 from structid.study.folder import FRAGILITY
 from structid.study.stages.stage import Findings, StudyStage, Workplace
-from structid.surrogates.pod.pod_kriging import PODKriging
+from structid.surrogates.registry import DEFAULT
 
 
 def _run(found: Findings, place: Workplace) -> Findings:
@@ -24,7 +24,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
             planned.limit,
             planned.levels,
             drift=result.drift,
-            surrogate=PODKriging() if planned.surrogate else None,
+            surrogate=DEFAULT.made({}) if planned.surrogate else None,
             training=planned.training,
             checks=planned.checks,
             seed=study.file.seed,
