@@ -9,8 +9,8 @@ from structid.fem.dense_newton import DenseWall, simulate
 from structid.fem.layout import FACADE
 from structid.fem.masonry_wall import MasonryWall
 from structid.fem.mesh import mesh_of
-from structid.reliability.first_passage import first_passage
 from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
+from structid.reliability.first_passage import first_passage
 
 ASSEMBLY = Assembly(mesh_of(FACADE), Masonry())
 POINTS = {"A": (5.5e3, 1.05e6, 4e5, 2e6), "B": (3e3, 0.95e6, 2e5, 0.6e6), "C": (2e3, 1.2e6, 1e5, 3.5e6)}
