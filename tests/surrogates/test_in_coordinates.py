@@ -54,6 +54,35 @@ def test_a_surrogate_in_them_saved_and_read_again(tmp_path):
     assert of.in_lanes and np.isfinite(of.log_density(np.array([[7.4e6, 0.06, 1e-6]])))
 
 
+@pytest.mark.parametrize(
+    "settings",
+    [
+        si.PCNARX(degree=2, steps=2),
+        si.KrigingNARX(degree=1, steps=2, refinements=1),
+        si.PCNARX(training="per-experiment"),
+    ],
+)
+def test_coefficients_of_a_narx_are_functions_of_them(tmp_path, settings):
+    """Fitted in coordinates it is the one whose parameters are these; saved and in lanes it is the same."""
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.3, free=("stiffness", "alpha"))
+    space = si.ParameterSpace(
+        coordinates={"log_stiffness": "log(stiffness)", "alpha_too": "alpha"},
+        stiffness=si.Uniform(6.5, 8.5, unit="kN/mm"), alpha=si.Uniform(0.02, 0.1),
+    )  # fmt: skip
+    runs = si.Campaign(model, RECORD, space.sample(24, seed=1)).run()
+    surrogate = settings.fit(runs)
+    values = space.in_coordinates(runs.design.values)
+    low, high = values.min(axis=0), values.max(axis=0)
+    plain = si.ParameterSpace(log_stiffness=si.Uniform(low[0], high[0]), alpha_too=si.Uniform(low[1], high[1]))
+    of_them = settings.fit(si.Runs.from_histories(si.Design(values, plain), runs.histories(), RECORD))
+    points = space.sample(6, seed=2).values
+    found = surrogate.simulate(points, RECORD).values
+    there = of_them.simulate(np.asarray(space.in_coordinates(points)), RECORD).values
+    np.testing.assert_allclose(found, there, rtol=1e-6, atol=1e-9 * np.abs(there).max())
+    again = si.load_surrogate(surrogate.save(tmp_path / "one.h5"))
+    np.testing.assert_array_equal(again.simulate(points, RECORD).values, found)
+
+
 def test_a_warm_start_knows_them():
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.3, alpha=0.05, free=("stiffness",))
     space = si.ParameterSpace(coordinates={"log_stiffness": "log(stiffness)"}, stiffness=si.Uniform(6.5e6, 8.5e6))

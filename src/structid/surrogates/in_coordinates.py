@@ -125,6 +125,38 @@ class InCoordinates:
         return cls(space, kind.from_plain(ParameterSpace.from_plain(plain["space"]), plain["inner"], arrays))
 
 
+def coordinate_design(design: Design) -> Design:
+    """Give the points of a design in the coordinates of its space, which are taken for uniform over the range of the points.
+
+    Parameters
+    ----------
+    design : Design
+        Points.
+
+    Returns
+    -------
+    Design
+        Points of a space of coordinates; the same design where its space has none.
+
+    Raises
+    ------
+    InputError
+        If a coordinate is not finite at a point, or is the same at all of them.
+    """
+    space: ParameterSpace = design.space
+    if not space.coordinates:
+        return design
+    values = np.asarray(space.in_coordinates(design.values), dtype=np.float64)
+    low, high = values.min(axis=0), values.max(axis=0)
+    for name, least, most in zip(space.coordinates, low, high, strict=True):
+        if not (np.isfinite([least, most]).all() and most > least):
+            raise InputError(
+                f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a coordinate that is finite and varies"
+            )
+    ranges = {n: Uniform(float(a), float(b)) for n, a, b in zip(space.coordinates, low, high, strict=True)}
+    return Design(values, ParameterSpace(None, None, None, **ranges))
+
+
 def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -> Regression:
     """Fit a regression, in the coordinates of its space where it has some.
 
@@ -145,15 +177,5 @@ def fitted_in_coordinates(design: Design, fit: Callable[[Design], Regression]) -
     InputError
         If a coordinate is not finite at a point, or is the same at all of them.
     """
-    space: ParameterSpace = design.space
-    if not space.coordinates:
-        return fit(design)
-    values = np.asarray(space.in_coordinates(design.values), dtype=np.float64)
-    low, high = values.min(axis=0), values.max(axis=0)
-    for name, least, most in zip(space.coordinates, low, high, strict=True):
-        if not (np.isfinite([least, most]).all() and most > least):
-            raise InputError(
-                f"coordinate '{name}'", f"{least:g} to {most:g} over the runs", "a coordinate that is finite and varies"
-            )
-    ranges = {n: Uniform(float(a), float(b)) for n, a, b in zip(space.coordinates, low, high, strict=True)}
-    return InCoordinates(space, fit(Design(values, ParameterSpace(None, None, None, **ranges))))
+    points = coordinate_design(design)
+    return fit(design) if points is design else InCoordinates(design.space, fit(points))

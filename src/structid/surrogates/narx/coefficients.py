@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from structid.mechanics.lanes.row_by_row import product
+from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.regression import Regression
@@ -29,12 +30,15 @@ class Coefficients:
         Which coefficients deviate.
     scale : ndarray, optional
         Scale of their deviations.
+    space : ParameterSpace, optional
+        Whose coordinates trend and deviation take; they take the parameters themselves when left out.
     """
 
     trend: ChaosExpansion
     deviation: Regression | None = None
     varying: np.ndarray | None = None
     scale: np.ndarray | None = None
+    space: ParameterSpace | None = None
 
     def predict(self, theta: Any) -> Any:
         """Coefficients at points.
@@ -49,11 +53,12 @@ class Coefficients:
         array, shape (run, coefficient)
             Of the kind `theta` is.
         """
-        found = self.trend.predict(theta)
+        point = theta if self.space is None else self.space.in_coordinates(theta)
+        found = self.trend.predict(point)
         if self.deviation is None or self.varying is None or self.scale is None:
             return found
         places = self.scale[:, None] * np.eye(found.shape[1])[self.varying]
-        return found + product(self.deviation.predict(theta), places)
+        return found + product(self.deviation.predict(point), places)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what they consist of, for a file.
@@ -65,6 +70,8 @@ class Coefficients:
         """
         plain, arrays = self.trend.to_plain()
         said: dict[str, Any] = {"trend": plain}
+        if self.space is not None:
+            said["coordinates"] = self.trend.basis.space.to_plain()
         found = put_under("trend", arrays)
         if self.deviation is not None and self.varying is not None and self.scale is not None:
             plain, arrays = self.deviation.to_plain()
@@ -91,9 +98,11 @@ class Coefficients:
         Coefficients
             The same.
         """
-        trend = ChaosExpansion.from_plain(space, plain["trend"], found_under("trend", arrays))
+        own = space if "coordinates" in plain else None
+        inner = space if own is None else ParameterSpace.from_plain(plain["coordinates"])
+        trend = ChaosExpansion.from_plain(inner, plain["trend"], found_under("trend", arrays))
         if "deviation" not in plain:
-            return cls(trend)
+            return cls(trend, space=own)
         word, said = plain["deviation"]
-        deviation = regression_from_plain(word, space, said, found_under("deviation", arrays))
-        return cls(trend, deviation, arrays["varying"], arrays["scale"])
+        deviation = regression_from_plain(word, inner, said, found_under("deviation", arrays))
+        return cls(trend, deviation, arrays["varying"], arrays["scale"], own)

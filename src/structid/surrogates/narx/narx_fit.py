@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from structid.surrogates.fit import (
     fitting_runs,
     run_digests,
 )
+from structid.surrogates.in_coordinates import coordinate_design
 from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments
@@ -40,6 +42,7 @@ from structid.surrogates.narx.term_selection import select_terms
 from structid.surrogates.narx.training import refined_coefficients, train_free_run
 from structid.surrogates.narx.training_set import TrainingSet, spread_rows, training_set
 from structid.surrogates.progress import Stages
+from structid.surrogates.regression import Regression
 
 TRAINING_BOUND = 2.0
 """While training, outputs are kept within this many times the largest one seen."""
@@ -106,10 +109,20 @@ class NARXFit:
             self.recursion = select_terms(full, self.data[self.fitted], settings.selection, settings.most_terms, report)
         self.free_run = FreeRun(self.recursion, TRAINING_BOUND * self.largest)
 
-    @property
-    def design(self) -> Design:
-        """Points of the finished runs."""
-        return self.runs.design
+    @cached_property
+    def points(self) -> Design:
+        """Points of the finished runs, in the coordinates of their space where it has some."""
+        return coordinate_design(self.runs.design)
+
+    def _coefficients(
+        self,
+        trend: ChaosExpansion,
+        deviation: Regression | None = None,
+        varying: np.ndarray | None = None,
+        scale: np.ndarray | None = None,
+    ) -> Coefficients:
+        space = self.runs.design.space
+        return Coefficients(trend, deviation, varying, scale, space if space.coordinates else None)
 
     def pc_narx(self, pce: PCE) -> ParametricNARX:
         """Fit coefficients that are chaos expansions.
@@ -126,7 +139,7 @@ class NARXFit:
         """
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(pce))
-        return self._surrogate(Coefficients(self._joint()))
+        return self._surrogate(self._coefficients(self._joint()))
 
     def kriging_narx(self, kriging: Kriging, refinements: int) -> ParametricNARX:
         """Fit coefficients that are interpolated by Kriging.
@@ -146,7 +159,7 @@ class NARXFit:
         if self.settings.training == "per-experiment":
             return self._surrogate(self._interpolated(kriging))
         trend = self._joint()
-        start = np.asarray(trend.predict(self.design.values[self.fitted]))
+        start = np.asarray(trend.predict(self.points.values[self.fitted]))
         report = self.stages.of("refinement")
         refined = refined_coefficients(self.free_run, start, self.data[self.fitted], refinements, report)
         return self._surrogate(self._with_deviation(trend, refined - start, kriging))
@@ -157,7 +170,7 @@ class NARXFit:
         vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
         equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
         found = per_experiment_solution(self.recursion, *equations, vector)
-        space = self.design.space
+        space = self.points.space
         mean = PolynomialBasis(space, multi_indices(space.dimension, 0))
         trend = self._expansion(mean, found.mean(axis=0)[:, None], np.ones((len(found), 1)))
         return self._with_deviation(trend, found - found.mean(axis=0), regression)
@@ -166,16 +179,15 @@ class NARXFit:
         """Add an interpolation of the deviations from a trend, for coefficients that deviate at all."""
         varying = np.flatnonzero(np.ptp(deviation, axis=0) > 1e-12)
         if len(varying) == 0:
-            return Coefficients(trend)
+            return self._coefficients(trend)
         scale = deviation[:, varying].std(axis=0)
-        return Coefficients(
-            trend, regression.fit(self.design[self.fitted], deviation[:, varying] / scale), varying, scale
-        )
+        fitted = regression.fit(self.points[self.fitted], deviation[:, varying] / scale)
+        return self._coefficients(trend, fitted, varying, scale)
 
     def _joint(self) -> ChaosExpansion:
         """Coefficients as chaos expansions trained together."""
         basis = self._basis()
-        features = basis.evaluate(self.design.values)
+        features = basis.evaluate(self.points.values)
         data, rows = self.data[self.fitted], features[self.fitted]
         held_out = (features[self.unseen], self.data[self.unseen]) if len(self.unseen) else None
         start = first_coefficients(self.free_run, rows, data, progress=self.stages.of("regression"))
@@ -223,7 +235,7 @@ class NARXFit:
         return start
 
     def _basis(self) -> PolynomialBasis:
-        space = self.design.space
+        space = self.points.space
         degree = self.settings.degree if space.dimension else 0
         check_terms_of_chaos(self.kind, space, degree, len(self.fitted))
         return PolynomialBasis(space, multi_indices(space.dimension, degree))
@@ -233,16 +245,16 @@ class NARXFit:
         unknown = np.full(len(coefficients), np.nan)
         degree = int(basis.indices.sum(axis=1).max())
         truncation = ((degree, 1.0),) * len(coefficients)
-        return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.design.values[self.fitted], values)
+        return ChaosExpansion(basis, coefficients.T, unknown, truncation, self.points.values[self.fitted], values)
 
     def _surrogate(self, coefficients: Coefficients) -> ParametricNARX:
         # Runs held out, or all of them where none are.
         rows = self.unseen if len(self.unseen) else self.fitted
-        predicted = np.asarray(coefficients.predict(self.design.values[rows]))
+        predicted = np.asarray(coefficients.predict(self.runs.design.values[rows]))
         errors = self.free_run.errors(predicted, self.data[rows]).mean(axis=1)
         error = float(np.average(errors, weights=self.data.weights[rows]))
         fit = Fit(
-            self.kind, self.settings.in_words, self.design.space, self.runs.channels, self.excitation, self.dt,
+            self.kind, self.settings.in_words, self.runs.design.space, self.runs.channels, self.excitation, self.dt,
             *fitted_range(self.runs.design), len(self.runs), self.left_out, error,
             self.settings.limit, self.settings.outside, self.watch.seconds, run_digests(self.runs),
         )  # fmt: skip

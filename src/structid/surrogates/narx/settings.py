@@ -20,6 +20,7 @@ from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, stream
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
+from structid.surrogates.in_coordinates import coordinate_design
 from structid.surrogates.narx.experiments import Signals
 from structid.surrogates.narx.structure import structure_of
 from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
@@ -121,7 +122,7 @@ class NARXSettings:
         check_enough(f"{kind}.fit", len(design), f"{len(design)} runs")
         if self.training == "joint":
             fitted, _ = held_out_rows(len(design), self.held_out, self.seed)
-            check_terms_of_chaos(kind, design.space, self.degree, len(fitted))
+            check_terms_of_chaos(kind, coordinate_design(design).space, self.degree, len(fitted))
 
     @property
     def in_words(self) -> dict[str, Any]:
