@@ -57,3 +57,21 @@ def test_the_jacobian_is_the_product_of_the_slopes():
 def test_maps_of_the_same_box_are_equal(bounds, scales, same):
     other = Bijection(bounds, scales)
     assert (other == MAP) is same and (hash(other) == hash(MAP)) is same
+
+
+def test_logarithms_within_two_bounds():
+    """Their image is wider than the box; elsewhere it is the plain map."""
+    bounds = np.array([[2.0, 5.0], [-1.0, 1.0], [1e3, 1e4]])
+    plain, by_logarithm = Bijection(bounds), Bijection(bounds, logarithmic=(0, 2))
+    assert plain != by_logarithm and hash(plain) != hash(by_logarithm) and (by_logarithm.bounds == bounds).all()
+    theta = np.array([[3.0, 0.5, 2e3], [2.0, -0.9, 1e4]])
+    phi = by_logarithm.inverse(theta)
+    np.testing.assert_allclose(phi[:, [0, 2]], np.log(theta[:, [0, 2]]))
+    np.testing.assert_array_equal(phi[:, 1], plain.inverse(theta)[:, 1])
+    back, jacobian = by_logarithm(phi)
+    np.testing.assert_allclose(back, theta, rtol=1e-14)
+    inside, traced = by_logarithm.forward(phi)
+    np.testing.assert_allclose(inside, theta, rtol=1e-14)
+    np.testing.assert_allclose(traced, jacobian, rtol=1e-12)
+    slopes = (by_logarithm(phi + 1e-6)[0] - by_logarithm(phi - 1e-6)[0]) / 2e-6
+    np.testing.assert_allclose(np.log(slopes).sum(axis=1), jacobian, rtol=1e-7)

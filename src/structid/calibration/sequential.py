@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling_result import SamplingResult
 from structid.journal import Journal, digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
@@ -42,6 +44,12 @@ SCHEMA = 5
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
+
+USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5)
+"""Draws from the surrogate's posterior at the end, where no sampler is named."""
+
+LONGER = (1, 4, 16)
+"""How many times as many moves it takes at last if it has not converged: along a narrow ridge particles move slowly."""
 
 LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
@@ -92,8 +100,8 @@ def calibrate(
     plan : Plan, optional
         Everything else about how they are spent. If given, its own budget replaces `true_runs`.
     sampler : Sampler, optional
-        Draws from the surrogate's posterior at the end; `SMC` when left out. `DelayedAcceptance` draws from the model's own
-        posterior, at the cost of further true runs.
+        Draws from the surrogate's posterior at the end; `SMC` when left out, which moves up to 16 times longer if it has not
+        converged. `DelayedAcceptance` draws from the model's own posterior, at the cost of further true runs.
     seed : int
         Seed.
     store : path-like, optional
@@ -130,7 +138,7 @@ def calibrate(
             law is None and discrepancy is not None,
             settings,
             Plan(true_runs=true_runs) if plan is None else plan,
-            SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5) if sampler is None else sampler,
+            sampler,
             seed,
             None if store is None else Path(store),
             workers,
@@ -155,7 +163,7 @@ class _Loop:
         law_is_open: bool,
         settings: SurrogateSettings,
         plan: Plan,
-        sampler: Sampler,
+        sampler: Sampler | None,
         seed: int,
         folder: Path | None,
         executor: Any,
@@ -346,15 +354,27 @@ class _Loop:
         assert certificate is not None
         chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
         seed, sampler = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self.sampler
-        if sampler.exact:  # draws of the model's own posterior, whatever the certificate says
+        if sampler is not None and sampler.exact:  # draws of the model's own posterior, whatever the certificate says
             sampler = sampler.proposing_by(surrogate)
             with run_map(self.posterior.model, self.executor) as map_of_runs:
                 target = self.posterior.mapped_by(map_of_runs)
                 drawn = sample(target, sampler, seed, chains, progress=self._told("exact sampling"))
         else:
-            drawn = sample(under, sampler, seed, chains, progress=self._told("sampling"))
-            drawn = replace(drawn, certified=certificate.certified)
+            drawn = replace(self._drawn(under, seed, chains), certified=certificate.certified)
         return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs, self.choice)
+
+    def _drawn(self, under: Posterior, seed: int, chains: Path | None) -> SamplingResult:
+        """Draws of the surrogate's posterior; by the usual sampler until they converge, each time from where it was."""
+        told = self._told("sampling")
+        if self.sampler is not None:
+            return sample(under, self.sampler, seed, chains, progress=told)
+        with tempfile.TemporaryDirectory() as scratch:
+            for times in LONGER:
+                longer = replace(USUAL_SAMPLER, steps=times * USUAL_SAMPLER.steps)
+                drawn = sample(under, longer, seed, chains or Path(scratch) / "chains.h5", progress=told)
+                if drawn.verdict().converged:
+                    break
+        return drawn
 
     def _told(self, what: str) -> Progress:
         def tell(done: int, total: int) -> None:

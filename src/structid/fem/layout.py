@@ -201,11 +201,11 @@ class Wall:
                 )
             return [round(count)] * bays
         given = self.courses[zone]
-        numbers = [given] * bays if isinstance(given, int) else list(given)
-        if len(numbers) != bays or any(not isinstance(n, int) or n < 1 for n in numbers):
+        numbers = [given] * bays if isinstance(given, (int, np.integer)) else list(np.atleast_1d(given))
+        if len(numbers) != bays or any(not isinstance(n, (int, np.integer)) or n < 1 for n in numbers):
             allowed = f"a whole number from 1, or {bays} of them: so many bays lie between {bottom:g} and {top:g} m"
             raise InputError("Wall.courses", f"{given!r} in zone {zone + 1}", allowed)
-        return numbers
+        return [int(n) for n in numbers]
 
     @property
     def blocks(self) -> list[Block]:

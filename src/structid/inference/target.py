@@ -421,7 +421,8 @@ class InCoordinates(Target):
     @property
     def content_hash(self) -> str:
         """Hash of the density and of the coordinates."""
-        return digest(self.density.content_hash, self.bijection.bounds, self.bijection.scales, self.bijection.scatters)
+        own = self.bijection
+        return digest(self.density.content_hash, own.bounds, own.scales, own.scatters, own.logarithmic)
 
 
 def _or_none(log_density: np.ndarray) -> np.ndarray:

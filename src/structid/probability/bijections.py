@@ -44,10 +44,22 @@ class Bijection:
         Scale of each coordinate without bounds; 1 by default.
     scatters : sequence of Scatter
         Parameters whose coordinates go with those of others.
+    logarithmic : sequence of int
+        Parameters with two bounds above 0 whose coordinate is their logarithm all the same: beyond a bound the density must be 0.
+        A ridge along a product of parameters is straight in these, and bent by the logistic map.
     """
 
-    def __init__(self, bounds: np.ndarray, scales: np.ndarray | None = None, scatters: Sequence[Scatter] = ()) -> None:
+    def __init__(
+        self,
+        bounds: np.ndarray,
+        scales: np.ndarray | None = None,
+        scatters: Sequence[Scatter] = (),
+        logarithmic: Sequence[int] = (),
+    ) -> None:
         self.bounds, self.scatters = np.asarray(bounds, dtype=np.float64).reshape(-1, 2), tuple(scatters)
+        self.logarithmic = tuple(logarithmic)
+        self._walls = self.bounds.copy()  # of the map's image
+        self._walls[list(self.logarithmic)] = 0.0, np.inf
         free = ~np.isfinite(self.bounds).any(axis=1)
         self.scales = np.where(free, 1.0 if scales is None else scales, 1.0)
         for scatter in self.scatters:
@@ -61,13 +73,13 @@ class Bijection:
 
     @property
     def _numbers(self) -> tuple[Any, ...]:
-        """Bounds, scales and scatters, which say all of it."""
-        return self.bounds.tobytes(), self.scales.tobytes(), self.scatters
+        """What says all of it."""
+        return self.bounds.tobytes(), self.scales.tobytes(), self.scatters, self.logarithmic
 
     @cached_property
     def _kinds(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Which coordinates lie between two bounds, above the only one, and below the only one."""
-        has_low, has_high = np.isfinite(self.bounds).T
+        has_low, has_high = np.isfinite(self._walls).T
         return has_low & has_high, has_low & ~has_high, has_high & ~has_low
 
     @cached_property
@@ -81,7 +93,7 @@ class Bijection:
                 return constraints.greater_than(low)
             return constraints.less_than(high) if np.isfinite(high) else constraints.real
 
-        return [biject_to(constraint(*bound)) for bound in self.bounds]
+        return [biject_to(constraint(*bound)) for bound in self._walls]
 
     def forward(self, phi: Any) -> tuple[Any, Any]:
         """Map ℝᵈ to the box, inside JAX.
@@ -127,7 +139,7 @@ class Bijection:
         if not np.isfinite(self.bounds).any():
             return x, np.full(len(phi), np.log(self.scales).sum())
         between, above, below = self._kinds
-        low, high = self.bounds.T
+        low, high = self._walls.T
         theta, log_slope = x.copy(), np.zeros_like(x)
         with np.errstate(over="ignore", invalid="ignore"):
             # Short of the bounds, as in NumPyro, so that no point has a density of none by rounding alone.
@@ -160,7 +172,7 @@ class Bijection:
             Unconstrained coordinates; NaN for a point outside.
         """
         between, above, below = self._kinds
-        low, high = self.bounds.T
+        low, high = self._walls.T
         theta = np.asarray(theta, dtype=np.float64)
         x = theta.copy()
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -392,9 +392,15 @@ class ParameterSpace(ShownAsText):
 
     @cached_property
     def bijection(self) -> Bijection:
-        """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation."""
+        """Smooth map between ℝᵈ and the support; parameters without bounds are scaled by their prior standard deviation.
+
+        In a space with coordinates, bounded parameters above 0 go by their logarithms, and nothing is mapped to their bounds: such
+        coordinates are ratios and products, and posteriors are narrow ridges along them.
+        """
         quartiles = np.array([m.quantile(np.array([0.25, 0.75])) for m in self.marginals.values()]).reshape(-1, 2)
-        return Bijection(self.bounds, (quartiles[:, 1] - quartiles[:, 0]) / 1.349)
+        positive = np.isfinite(self.bounds).all(axis=1) & (self.bounds[:, 0] > 0.0)
+        logarithmic = np.flatnonzero(positive).tolist() if self.coordinates else ()
+        return Bijection(self.bounds, (quartiles[:, 1] - quartiles[:, 0]) / 1.349, logarithmic=logarithmic)
 
     def __repr__(self) -> str:
         rows = [f"  {name}: {m}" for name, m in self.marginals.items()]

@@ -97,7 +97,7 @@ class JointLikelihood:
             for index, bound in enumerate(self.of)
             for (mean, sd), members in self.law.scatters(bound.observation.record.duration).items()
         ]
-        return Bijection(plain.bounds, plain.scales, scatters) if scatters else plain
+        return Bijection(plain.bounds, plain.scales, scatters, plain.logarithmic) if scatters else plain
 
     @cached_property
     def discrepancy_names(self) -> set[str]:

@@ -189,7 +189,8 @@ def _climbed(known: _Known, start: np.ndarray) -> Mode:
 
     def slope(phi: np.ndarray) -> np.ndarray:
         values = known.density(np.concatenate([phi + steps, phi - steps])).reshape(2, -1)
-        return _finite((values[1] - values[0]) / (2.0 * STEP))
+        with np.errstate(invalid="ignore"):  # both may lie beyond the support
+            return _finite((values[1] - values[0]) / (2.0 * STEP))
 
     found = scipy.optimize.minimize(falling, start, jac=slope, method="BFGS", options={"maxiter": 200})
     covariance = np.linalg.inv(_curvature(known, found.x))
@@ -204,7 +205,8 @@ def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
         # f(++) − f(+−) − f(−+) + f(−−) over 4 h h'
         signs = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
         values = [known.density(middle + a * first + b * then) for a, b in signs]
-        return np.asarray(values[0] - values[1] - values[2] + values[3])
+        with np.errstate(invalid="ignore"):
+            return np.asarray(values[0] - values[1] - values[2] + values[3])
 
     step = np.full(len(middle), 1e-3)
     for _ in range(3):
