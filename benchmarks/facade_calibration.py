@@ -9,6 +9,7 @@ import time
 import warnings
 from typing import Any
 
+import common
 import numpy as np
 from facade import BOX, COORDINATES, MONITORED, el_centro
 from scipy.special import ndtri
