@@ -20,6 +20,7 @@ TESTED = {
     "calibrate_in_python.py",
     "cyclic_test.py",
     "el_centro.toml",
+    "facade.toml",
     "linear_limit.py",
 }
 
@@ -52,6 +53,21 @@ def test_a_cyclic_test_is_fitted_in_displacement_driven_mode(shared_data, tmp_pa
         print(f"\n{name}: {unexplained:.2%} of the force's variance unexplained")
     assert unexplained < limit
     assert (tmp_path / "loops.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+@pytest.mark.rendered
+def test_the_facade_is_certified_and_drawn(tmp_path):
+    """Box, certificate, pictures, film and fragility of the packaged facade, with fewer runs."""
+    outcome = run_study(EXAMPLES / "facade.toml", tmp_path / "out")
+    assert outcome.trusted and outcome.calibration.certificate.true_runs <= 400
+    truth = np.array([3.5e3, 1.1e6, 2.5e5, 1.6e6])
+    assert (np.abs(outcome.result.mean[:4] - truth) < 4.0 * outcome.result.sd[:4]).all()
+    page = outcome.report.read_text()
+    for title in ("The structure in motion", "Parameters and first passages", "Probability of failure"):
+        assert f">{title}</h2>" in page
+    assert "data:image/gif;base64," in page and "Posterior in the coordinates" in page
+    assert (tmp_path / "out" / "figures" / "wall_deformed.png").stat().st_size > 10_000
 
 
 def test_the_real_record_study_builds(strong_motion):
