@@ -113,6 +113,26 @@ def _in_opensees(assembly: Assembly, base: np.ndarray) -> Any:
     return run
 
 
+def growth_rows(record: si.GroundMotion, quick: bool) -> tuple[list[list[str]], str]:
+    """Seconds of a step of larger walls, all by sparse factors, one after another."""
+    part, rows, sizes, seconds = record.trim(0.0, 0.1), [], [], []
+    for courses, across in ((10, 5), (10, 10)) if quick else ((10, 5), (10, 10), (20, 10), (20, 20)):
+        shape = si.Wall(width=4.0, height=3.0, openings=(), courses=(courses,), block_length=4.0 / across)
+        joints = dict(zip(BOX, POINT, strict=True))
+        model = si.MasonryWall(**joints, wall=shape, channels=("drift",), step=STEP)
+        model.simulate([[]], part)
+        timing = common.interleaved({"one": partial(model.simulate, [[]], part)}, 3)["one"]
+        sizes.append(len(model.mesh.blocks))
+        seconds.append(timing.cpu_median)
+        steps = round(part.duration / STEP)
+        rows.append([f"{sizes[-1]}", f"{len(model.mesh.joints)}", f"{1e3 * seconds[-1] / steps:.1f}"])
+    whole, last = common.growth_exponent(sizes, seconds)
+    return (
+        rows,
+        f"The cost grows with the number of blocks to the power {whole:.2f} ({last:.2f} in the last step; limit 1.5).",
+    )
+
+
 def set_up_rows() -> list[list[str]]:
     """Seconds until the first eight runs are there, with an empty cache of compiled code and with a warm one."""
     with tempfile.TemporaryDirectory() as cache:
@@ -187,11 +207,13 @@ def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
     record = el_centro()
     costs, set_up = cost_rows(record, quick), set_up_rows()
+    growth, grown = growth_rows(record, quick)
     box, told = box_rows(record, 64 if quick else 10_000)
     surrogates = surrogate_rows(record, (60,) if quick else (300, 900), 20 if quick else 100)
     heads = {
         "cost": ["2.5 s at 1 ms", "s of one core a run", "s a run, all cores", "times the source's 40 s", "limit"],
         "set up": ["", "empty cache [s]", "warm cache [s]"],
+        "growth": ["blocks", "joints", "ms of one core a step"],
         "box": ["drift [mm]", "passed", "other program, 2000 runs", "two sds of the difference", "first passage [s]"],
         "surrogates": ["runs", "fitted in", "mean error", "median", "fit [s]", "limit: mean; median"],
     }
@@ -206,6 +228,10 @@ on one jump each, which is all it has; with these the two agree (`tests/verifica
 
 {common.markdown_table(heads["set up"], set_up)}
 
+**Larger walls**, solid ones of equal blocks, all in the formulation for large walls. {grown}
+
+{common.markdown_table(heads["growth"], growth)}
+
 **The box** of the source's four parameters, Latin hypercube. {told}
 
 {common.markdown_table(heads["box"], box)}
@@ -215,7 +241,14 @@ on one jump each, which is all it has; with these the two agree (`tests/verifica
 {common.markdown_table(heads["surrogates"], surrogates)}
 """
     common.record_result(
-        NAME, quick=quick, machine=common.machine(), cost=costs, box=box, surrogates=surrogates, told=told
+        NAME,
+        quick=quick,
+        machine=common.machine(),
+        cost=costs,
+        growth=growth,
+        box=box,
+        surrogates=surrogates,
+        told=told,
     )
     common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
     print(text)

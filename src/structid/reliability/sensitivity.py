@@ -61,7 +61,7 @@ class Sensitivity(ShownAsText):
     def __str__(self) -> str:
         lines = [f"Sobol' indices; the expansion leaves out {self.left_out:.1%} of the variance"]
         for name, first, total in zip(self.names, self.first, self.total, strict=True):
-            lines.append(f"  {name:<24} first {first:6.3f}   total {total:6.3f}")
+            lines.append(f"  {name:<24} first {max(first, 0.0):6.3f}   total {max(total, 0.0):6.3f}")
         for name, alone in zip(self.coordinates, self.alone, strict=True):
             lines.append(f"  {name:<24} alone {alone:6.3f}")
         return "\n".join(lines)

@@ -17,6 +17,9 @@ from structid.report.material import RunsMaterial
 from structid.report.section import Drawing, Picture, Rows, Section, Table
 from structid.units import factor, label
 
+POOR = 0.1
+"""Share of the variance that an expansion leaves out, from which its indices are doubted."""
+
 
 def _limit(study: ParameterStudy, number: int) -> str:
     """A limit with its unit."""
@@ -87,7 +90,8 @@ def _indices(study: ParameterStudy) -> Rows:
         row = [pretty(name)]
         for found in found_all:
             row += [
-                f"{found.first[i]:.3f} ± {found.first_error[i]:.3f}", f"{found.total[i]:.3f} ± {found.total_error[i]:.3f}",
+                f"{max(found.first[i], 0.0):.3f} ± {found.first_error[i]:.3f}",
+                f"{max(found.total[i], 0.0):.3f} ± {found.total_error[i]:.3f}",
             ]  # fmt: skip
         rows.append(row)
     if found_all[0].coordinates != found_all[0].names:
@@ -134,6 +138,12 @@ def _words(material: RunsMaterial) -> list[str]:
             "Sobol' indices are of the parameters, which are independent. Of a coordinate it is said what share of the variance "
             "it explains alone; coordinates that share a parameter depend on one another, and these shares may add up to more "
             "than 1."
+        )
+    poor = [pretty(channel) for channel, found in study.sensitivities.items() if found.left_out > POOR]
+    if poor:
+        words.append(
+            f"The expansion of {' and of '.join(poor)} leaves out more than {POOR:.0%} of the variance: its indices are those of "
+            "the part that it explains. More runs, or coordinates on which the response depends more simply, would help."
         )
     return words
 
