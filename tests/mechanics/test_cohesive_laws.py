@@ -87,17 +87,29 @@ def test_equal_components_at_45_degrees():
     assert (np.abs(closed.normal + closed.tangential) > 0.01 * np.abs(closed.tangential)).all()
 
 
-def test_a_closed_cycle_in_closure_may_create_energy():
-    """NP2 has no potential: the work around a rectangle in (Δ_n < 0, Δ_t) is not zero. It is at most 3 φ_n."""
+@pytest.mark.parametrize(("x", "rho"), [(-0.6, 0.7), (-0.3, 0.35), (-1.0, 3.0)])
+def test_a_closed_cycle_in_closure_may_create_energy(x, rho):
+    """NP2 has no potential: around a rectangle in (Δ_n < 0, Δ_t) the work is φ_n I(x)(1 − e^(−aρ)) + φ_t I(ρ)(e^(−bx) − 1).
+
+    I(x) = 1 − (1 + x) e^(−x), x = Δ_n/δ_n, ρ = Δ_t/δ_t, a = b = √2 − 1. Where the façade's joints are (0.6 δ_n, 0.7 δ_t) it is three
+    times φ_n; one way round it is created, the other way it is lost.
+    """
     d_n, d_t = LAW.normal_length, LAW.tangential_length
-    s, r = -0.5 * d_n, 2.0 * d_t
+    s, r, coupling = x * d_n, rho * d_t, np.sqrt(2.0) - 1.0
     around = (
         quad(lambda d: smc_np2(LAW, d, 0.0).normal, 0.0, s)[0]
         + quad(lambda d: smc_np2(LAW, s, d).tangential, 0.0, r)[0]
         + quad(lambda d: smc_np2(LAW, d, r).normal, s, 0.0)[0]
         + quad(lambda d: smc_np2(LAW, -0.0, d).tangential, r, 0.0)[0]
     )
-    assert abs(around) > 0.01 * PHI_N
+
+    def work(z):
+        return 1.0 - (1.0 + z) * np.exp(-z)
+
+    expected = PHI_N * work(x) * (1.0 - np.exp(-coupling * rho)) + PHI_T * work(rho) * (np.exp(-coupling * x) - 1.0)
+    assert around == pytest.approx(expected, rel=1e-7)
+    if (x, rho) == (-0.6, 0.7):
+        assert 3.0 < around / PHI_N < 3.5
 
 
 # --- damage and friction ----------------------------------------------------------------------------------------------
