@@ -91,8 +91,8 @@ def test_equal_components_at_45_degrees():
 def test_a_closed_cycle_in_closure_may_create_energy(x, rho):
     """NP2 has no potential: around a rectangle in (Δ_n < 0, Δ_t) the work is φ_n I(x)(1 − e^(−aρ)) + φ_t I(ρ)(e^(−bx) − 1).
 
-    I(x) = 1 − (1 + x) e^(−x), x = Δ_n/δ_n, ρ = Δ_t/δ_t, a = b = √2 − 1. Where the façade's joints are (0.6 δ_n, 0.7 δ_t) it is three
-    times φ_n; one way round it is created, the other way it is lost.
+    I(x) = 1 − (1 + x) e^(−x), x = Δ_n/δ_n, ρ = Δ_t/δ_t, a = b = √2 − 1. As far as the façade's joints go (0.6 δ_n, 0.7 δ_t) it is
+    three times φ_n; one way round it is created, the other way it is lost.
     """
     d_n, d_t = LAW.normal_length, LAW.tangential_length
     s, r, coupling = x * d_n, rho * d_t, np.sqrt(2.0) - 1.0
