@@ -278,7 +278,7 @@ def traces(
         kept = history[discarded:, :, :, i]
         low, high = np.quantile(kept, [0.0005, 0.9995])
         axis.set_ylim(low - 0.6 * (high - low), high + 0.6 * (high - low))
-        axis.set_ylabel(_label(names[i], units[i]), fontsize=8)
+        axis.set_ylabel(_label_in_lines(names[i], units[i]), fontsize=7.5)
     axes[0, 0].set_title("thin: walkers; thick: mean of each ensemble; grey: discarded", loc="left")
     axes[-1, 0].set_xlabel("step")
     axes[-1, 0].set_xlim(0, len(history))

@@ -13,7 +13,8 @@ def corrected_share(found: np.ndarray, checked: np.ndarray, true: np.ndarray) ->
         p̂ = mean(I_s) + mean(I_t − I_s),    var p̂ = p (1 − p)/N + (q − d̄²)/m
 
     The first mean is over all N draws, the second, d̄, over m of them. q is the share of those on which surrogate and model
-    disagree, (k + ½)/(m + 1) of k, so that m runs without a disagreement do not tell that there is none.
+    disagree. In the variance p and q are (k + ½)/(n + 1) of k among n: runs without a passage, or without a disagreement, do not
+    tell that there is none.
 
     Parameters
     ----------
@@ -31,7 +32,8 @@ def corrected_share(found: np.ndarray, checked: np.ndarray, true: np.ndarray) ->
     if not len(known):
         return float("nan"), float("nan")
     share = float(known.mean())
-    variance = share * (1.0 - share) / len(known)
+    within = (known.sum() + 0.5) / (len(known) + 1.0)
+    variance = within * (1.0 - within) / len(known)
     difference = (true - checked)[np.isfinite(true - checked)]
     if len(checked):
         shift = float(difference.mean()) if len(difference) else 0.0

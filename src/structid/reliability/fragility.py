@@ -370,12 +370,16 @@ def _lognormal(levels: np.ndarray, shares: np.ndarray, records: int) -> tuple[fl
     if not tells:
         return float("nan"), float("nan")
 
-    def unlikely(parameters: np.ndarray) -> float:
-        p = scipy.stats.norm.cdf((np.log(levels) - parameters[0]) / np.exp(parameters[1]))
-        p = np.clip(p, 1e-9, 1.0 - 1e-9)
-        return float(-records * np.sum(shares * np.log(p) + (1.0 - shares) * np.log1p(-p)))
+    def unlikely(parameters: np.ndarray) -> tuple[float, np.ndarray]:
+        """−Σ R (s ln p + (1 − s) ln(1 − p)) with p = Φ(z), z = (ln a − ln θ)/β, and its slopes in ln θ and ln β."""
+        beta = np.exp(parameters[1])
+        z = (np.log(levels) - parameters[0]) / beta
+        p = np.clip(scipy.special.ndtr(z), 1e-9, 1.0 - 1e-9)
+        value = -records * np.sum(shares * np.log(p) + (1.0 - shares) * np.log1p(-p))
+        slope = -records * (shares / p - (1.0 - shares) / (1.0 - p)) * np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
+        return float(value), np.array([-np.sum(slope / beta), -np.sum(slope * z)])
 
     start = [np.interp(0.5, np.maximum.accumulate(shares), np.log(levels)), np.log(0.3)]
     bounds = [(np.log(levels).min() - 3.0, np.log(levels).max() + 3.0), (np.log(0.01), np.log(5.0))]
-    found = scipy.optimize.minimize(unlikely, start, method="L-BFGS-B", bounds=bounds)
+    found = scipy.optimize.minimize(unlikely, start, jac=True, method="L-BFGS-B", bounds=bounds)
     return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
