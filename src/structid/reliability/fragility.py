@@ -94,7 +94,8 @@ class Fragility(ShownAsText):
         tuple of ndarray, shape (level,)
             Lower and upper edge.
         """
-        shares = np.nanmean(self.passed, axis=1)
+        known = np.isfinite(self.passed).sum(axis=1)
+        shares = np.where(known > 0, np.nansum(self.passed, axis=1) / np.maximum(known, 1), np.nan)
         tail = 0.5 * (1.0 - probability)
         low, high = np.nanquantile(shares, [tail, 1.0 - tail], axis=0, method="inverted_cdf")
         return low, high
@@ -334,9 +335,18 @@ class _Pair:
             found = self.passed(self.predictor, motion)
             return found, *corrected_share(found, found[:0], found[:0])
         stand_in = fitted_stand_in(self.posterior, self.draws[: self.training], motion, self.channel, self.surrogate)
+        if stand_in is None:  # nearly all draws fail: the runs that were to train and to check are the sample
+            return self.without(motion)
         found = self.passed(self.predictor, motion, stand_in)
         both = (self.passed(self.checking, motion, model) for model in (stand_in, None))
         return found, *corrected_share(found, *both)
+
+    def without(self, motion: GroundMotion) -> Found:
+        """By true runs of the first draws alone."""
+        some = self.draws[: self.training + self.checks]
+        found = np.full(len(self.draws), np.nan)
+        found[: len(some)] = self.passed(Predictor(self.posterior, some, self.seed, self.drift, scaled=False), motion)
+        return found, *corrected_share(found, found[:0], found[:0])
 
     def passed(self, predictor: Predictor, motion: GroundMotion, stand_in: Model | None = None) -> np.ndarray:
         """Whether each draw passes: 1 or 0, NaN where the run failed and the structure did not, shape (draw,)."""

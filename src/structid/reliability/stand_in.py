@@ -12,11 +12,12 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate, SurrogateSettings
+from structid.surrogates.fit import FEWEST_RUNS
 
 
 def fitted_stand_in(
     posterior: Posterior, draws: np.ndarray, record: GroundMotion, channel: str, settings: SurrogateSettings
-) -> Surrogate:
+) -> Surrogate | None:
     """Fit a surrogate to true runs at draws.
 
     Parameters
@@ -34,8 +35,8 @@ def fitted_stand_in(
 
     Returns
     -------
-    Surrogate
-        For that record alone. Runs that failed are left out of it.
+    Surrogate or None
+        For that record alone. Runs that failed are left out of it; None if too few are left.
     """
     measured = tuple(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     channels = tuple(dict.fromkeys((*measured, channel)))
@@ -43,6 +44,8 @@ def fitted_stand_in(
     design = Design(draws[:, : space.dimension], space)
     model = posterior.model.recording(*channels)
     histories = model.simulate(design, record, map=posterior.map)
+    if int(histories.done.sum()) < FEWEST_RUNS:
+        return None
     lenient: Any = replace(settings, outside="allow")  # type: ignore[type-var]
     surrogate: Surrogate = lenient.fit(Runs.from_histories(design, histories, record))
     surrogate.trust()  # true runs correct it
