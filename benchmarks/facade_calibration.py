@@ -24,7 +24,6 @@ PLAN = si.Plan(true_runs=400, start=40, batch=10)
 """Small batches: posteriors are so narrow that the first surrogates only show where to look."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
 REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)
-STIFFNESSES = ("log k_n", "log k_t")
 
 
 def space() -> si.ParameterSpace:

@@ -15,7 +15,7 @@ import numpy as np
 from structid.errors import InputError, names_checked
 from structid.fem.displacement_field import DisplacementField, von_mises_strain
 from structid.fem.elements import shape_functions, strain_matrix
-from structid.fem.mesh import Mesh
+from structid.fem.mesh import Joint, Mesh
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ class WallFilm:
         """[s], shape (time,)."""
         return np.arange(len(self.drift)) * self.dt
 
-    @property
+    @cached_property
     def since_rest(self) -> np.ndarray:
         """Displacements from the wall at rest under its load [m], shape (time, node, 2)."""
         return np.asarray(self.displacements - self.displacements[:1])
@@ -66,12 +66,8 @@ class WallFilm:
         u = np.concatenate([self.displacements, ground], axis=1)  # the last one is node −1, the ground
         found = np.empty((len(u), len(self.mesh.joints), 2))
         for number, joint in enumerate(self.mesh.joints):
-            lower, upper = (
-                joint.weights[0] * u[:, face[0]] + joint.weights[1] * u[:, face[1]]
-                for face in (joint.lower, joint.upper)
-            )
+            jump = _on_face(u, joint, joint.upper) - _on_face(u, joint, joint.lower)
             n = np.array(joint.normal)
-            jump = upper - lower
             found[:, number, 0], found[:, number, 1] = jump @ n, jump @ np.array([n[1], -n[0]])
         return found
 
@@ -292,7 +288,7 @@ class WallFilm:
     def _of_joints(self, instant: int) -> np.ndarray:
         """Displacements of the lower side of every joint from rest [m], shape (joint, 2)."""
         u = np.concatenate([self.since_rest[instant], np.zeros((1, 2))])
-        return np.array([j.weights[0] * u[j.lower[0]] + j.weights[1] * u[j.lower[1]] for j in self.mesh.joints])
+        return np.array([_on_face(u, joint, joint.lower) for joint in self.mesh.joints])
 
     def _strain_of_blocks(self, instant: int) -> np.ndarray:
         """Von Mises' strain in the middle of every block, shape (block,)."""
@@ -301,6 +297,11 @@ class WallFilm:
             b, _ = strain_matrix(self.mesh.nodes[nodes], 0.0, 0.0)
             found.append(von_mises_strain(*(b @ self.since_rest[instant][nodes].ravel())))
         return np.array(found)
+
+
+def _on_face(u: np.ndarray, joint: Joint, face: tuple[int, int]) -> np.ndarray:
+    """Displacements of one side of a joint, of those of the nodes (..., node, 2)."""
+    return np.asarray(joint.weights[0] * u[..., face[0], :] + joint.weights[1] * u[..., face[1], :])
 
 
 def _between(length: float, step: float) -> np.ndarray:

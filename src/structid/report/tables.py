@@ -7,7 +7,10 @@ import platform
 
 import numpy as np
 
+from structid.channels import standard_unit
+from structid.figures.style import pretty_unit
 from structid.report.section import Rows
+from structid.units import factor
 
 
 def number(value: float, error: float | None = None) -> str:
@@ -32,6 +35,25 @@ def number(value: float, error: float | None = None) -> str:
     digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 12))
     magnitude = max(abs(value), error)
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
+
+
+def in_display_unit(value: float, channel: str) -> str:
+    """A value of a channel with its unit.
+
+    Parameters
+    ----------
+    value : float
+        In SI.
+    channel : str
+        Whose.
+
+    Returns
+    -------
+    str
+        Such as ``"65 mm"``.
+    """
+    unit = standard_unit(channel).display
+    return f"{value / factor(unit):g} {pretty_unit(unit)}".strip()
 
 
 def versions_table(timings: dict[str, float]) -> Rows:

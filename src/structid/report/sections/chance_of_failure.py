@@ -7,17 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.channels import standard_unit
-from structid.figures.style import pretty, pretty_unit
+from structid.figures.style import pretty
 from structid.reliability.fragility import Fragility
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.units import factor
+from structid.report.tables import in_display_unit
 
 
 def _limit(found: Fragility) -> str:
-    unit = standard_unit(found.channel).display
-    return f"{found.limit / factor(unit):g} {pretty_unit(unit)} of {pretty(found.channel)}".strip()
+    return f"{in_display_unit(found.limit, found.channel)} of {pretty(found.channel)}"
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.channels import standard_unit
 from structid.errors import Status
 from structid.figures import passages as figures
 from structid.figures.style import pretty, pretty_unit
@@ -15,6 +14,7 @@ from structid.reliability.parameter_study import ParameterStudy
 from structid.reliability.passage_probability import PassageProbability, coordinate_names, coordinates_of
 from structid.report.material import RunsMaterial
 from structid.report.section import Drawing, Picture, Rows, Section, Table
+from structid.report.tables import in_display_unit
 from structid.units import factor, label
 
 POOR = 0.1
@@ -23,8 +23,7 @@ POOR = 0.1
 
 def _limit(study: ParameterStudy, number: int) -> str:
     """A limit with its unit."""
-    unit = standard_unit(study.passages[number].channel).display
-    return f"{study.passages[number].limit / factor(unit):g} {pretty_unit(unit)}".strip()
+    return in_display_unit(study.passages[number].limit, study.passages[number].channel)
 
 
 def _above(study: ParameterStudy) -> str:

@@ -8,9 +8,9 @@ from pathlib import Path
 from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.models.face import Model
+from structid.study.building.parameter_studies import limit_of
 from structid.study.building.records import load_record
 from structid.study.schema.study_file import StudyFile
-from structid.units import to_si
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFra
     if not file.observation:
         raise InputError("table 'fragility'", "no [observation]", "a measurement, given which the probability is")
     records = tuple(load_record(r, folder, f"fragility.records.{i}") for i, r in enumerate(section.records))
-    unit = model.recording(section.channel).channel_units[section.channel].si
+    recording = model.recording(section.channel)
     stands_in = not model.batched if section.surrogate is None else section.surrogate
     needed = section.training + section.checks + 1
     if stands_in and section.draws < needed:
@@ -85,7 +85,7 @@ def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFra
         records,
         section.pga,
         section.channel,
-        to_si(section.limit, unit, "key 'fragility.limit'"),
+        limit_of(section.limit, section.channel, recording, "fragility.limit"),
         section.draws,
         stands_in,
         section.training,

@@ -9,7 +9,6 @@ from structid.errors import check_choice
 from structid.models.face import Model
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.study.schema.static_tables import ParameterStudySection
 from structid.study.schema.study_file import StudyFile
 from structid.units import to_si
 
@@ -69,29 +68,30 @@ def planned_parameter_study(file: StudyFile, space: ParameterSpace, model: Model
         return None
     design = space.sample(section.runs, file.seed if section.seed is None else section.seed, section.method)
     recording = model.recording(*dict.fromkeys((section.channel, *section.peaks)))
-    limits = limits_of(section, recording, "parameter_study")
+    limits = tuple(limit_of(limit, section.channel, recording, "parameter_study.limits") for limit in section.limits)
     for name in section.above:
         check_choice("table 'parameter_study.above'", name, space.names)
     above = {n: to_si(v, space.units[n], f"key 'parameter_study.above.{n}'") for n, v in section.above.items()}
     return PlannedParameterStudy(design, recording, section.channel, limits, above, section.peaks)
 
 
-def limits_of(section: ParameterStudySection, model: Model, where: str) -> tuple[float, ...]:
-    """Limits of a channel in SI.
+def limit_of(limit: float | str, channel: str, model: Model, where: str) -> float:
+    """Read a limit of a channel.
 
     Parameters
     ----------
-    section : ParameterStudySection
-        With `channel` and `limits`.
+    limit : float or str
+        In SI, or with its unit.
+    channel : str
+        Whose.
     model : Model
         Which records the channel.
     where : str
-        The table, for messages.
+        The key, for messages.
 
     Returns
     -------
-    tuple of float
+    float
         In SI.
     """
-    unit = model.channel_units[section.channel].si
-    return tuple(to_si(limit, unit, f"key '{where}.limits'") for limit in section.limits)
+    return to_si(limit, model.channel_units[channel].si, f"key '{where}'")
