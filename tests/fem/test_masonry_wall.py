@@ -39,6 +39,31 @@ def test_derivatives_are_those_of_differences():
         assert (np.abs(found - exact).max(axis=1) < 1e-5 * np.abs(exact).max(axis=1)).all()
 
 
+@pytest.mark.parametrize("law", ["smc-np2", "damage-friction"])
+def test_no_loop_asks_for_a_residual_twice(law):
+    """Mapped over runs, JAX works out the condition of a loop twice. Of a residual at its limit that gave two answers, and a loop
+    without an end; so conditions take what the step before has decided, and count."""
+    wall = MasonryWall(free=NAMES, joint_law=law)
+    traced = wall.traced(RECORD)
+    mapped = jax.make_jaxpr(jax.vmap(lambda row: wall.response(row[None], traced)[0]))(np.array([SOFT, STIFF]))
+    conditions = [c for c in loop_conditions(mapped.jaxpr)]
+    assert len(conditions) == 1 + JOINT_LAWS[law].load_steps
+    allowed = {"lt", "and", "or", "reduce_or", "convert_element_type", "ge"}
+    for condition in conditions:
+        assert {equation.primitive.name for equation in condition.eqns} <= allowed, condition
+
+
+def loop_conditions(body):
+    """Conditions of all loops of a function, however deep."""
+    for equation in body.eqns:
+        if equation.primitive.name == "while":
+            yield equation.params["cond_jaxpr"].jaxpr
+        for value in equation.params.values():
+            inner = getattr(value, "jaxpr", None)
+            if inner is not None:
+                yield from loop_conditions(inner)
+
+
 @pytest.mark.parametrize(
     ("law", "friction", "agree"),
     [("smc-np2", 0.0, 1e-9), ("damage-friction", 0.0, 1e-9), ("damage-friction", 0.7, 1e-9)],

@@ -68,6 +68,7 @@ def test_on_the_command_line(study):
         ("above = { stiffness", "above = { stifness", "stiffness"),
         ('channel = "displacement"', 'channel = "displacment"', "displacement"),
         ("runs = 60", "runs = 6", "20"),
+        ("runs = 60", "runs = 202499170860", "parameter_study.runs.*at most 1000000"),
         ('limits = ["20 mm", 0.04]', "limits = []", "limits"),
         ('"7.5 kN/mm"', '"7.5 kg"', "parameter_study.above.stiffness"),
     ],

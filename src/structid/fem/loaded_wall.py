@@ -106,11 +106,16 @@ def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, shar
     def missed(q: Any) -> Any:
         return jnp.linalg.norm(_out_of_balance(wall, law, memory, q, share), axis=0) > limit
 
-    def iterate(carried: tuple[Any, Any]) -> tuple[Any, Any]:
-        q, count = carried
-        return jnp.where(missed(q), _iterated(wall, law, memory, q, share), q), count + 1
+    def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        q, going, count = carried
+        moved = jnp.where(going, _iterated(wall, law, memory, q, share), q)
+        return moved, missed(moved), count + 1
 
-    found, _ = lax.while_loop(lambda carried: jnp.any(missed(carried[0])) & (carried[1] < ITERATIONS), iterate, (q, 0))
+    # Whether a run goes on is carried, not found again by the condition: mapped over runs, JAX works a condition out twice, and
+    # two roundings of a residual at its limit would let the loop go on for ever while nothing moves.
+    found, _, _ = lax.while_loop(
+        lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS), iterate, (q, missed(q), 0)
+    )
     return found
 
 

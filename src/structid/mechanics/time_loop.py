@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 from jax import lax
 
 from structid.device import jnp
@@ -176,6 +177,46 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> T
     start = along_all(lambda p: loop_of(p).start)
     loop = loop_of(parameters)
     return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
+
+
+def once_along_each(function: Callable[[Any], Any], parameters: Any) -> Any:
+    """Call a function of the parameters of many runs, and let its derivative be taken along each of them once.
+
+    A density may be differentiated along many more directions, such as those of the noise; the loop in the function does not
+    depend on these, and its sensitivities serve all of them.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(parameters)``: a tree of arrays with the runs last. It may know nothing else that is differentiated.
+    parameters : array, shape (run, parameter)
+        Where.
+
+    Returns
+    -------
+    tree of arrays
+        What it returns.
+    """
+
+    def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        def along(direction: Any) -> tuple[Any, Any]:
+            value: tuple[Any, Any] = jax.jvp(function, primals, (jnp.broadcast_to(direction, primals[0].shape),))
+            return value
+
+        value, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(primals[0].shape[1]))
+        return value, jax.tree.map(lambda x: _contracted(tangents[0], x), slopes)
+
+    found = jax.custom_jvp(function)
+    found.defjvp(with_slope)
+    return found(parameters)
+
+
+def _contracted(directions: Any, slopes: Any) -> Any:
+    """Slope along a direction of each run (run, parameter), from those along each parameter (parameter, …, run)."""
+    if slopes.dtype == jax.dtypes.float0:  # of truths
+        return np.zeros(slopes.shape[1:], dtype=jax.dtypes.float0)
+    weights = directions.T.reshape(slopes.shape[0], *[1] * (slopes.ndim - 2), slopes.shape[-1])
+    return (weights * slopes).sum(axis=0)
 
 
 def all_finite(state: State) -> Any:

@@ -14,6 +14,7 @@ from structid.errors import StructidWarning
 from structid.inference.law_choice import LawChoice
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
+from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
 from structid.report.material import RunsMaterial
 from structid.report.page import PAGE, write_runs_report
@@ -51,6 +52,8 @@ class StudyOutcome:
         Which law of the errors the data have chosen, where it was left to them.
     parameter_study : ParameterStudy or None
         What runs over the priors tell, where the study asks for them.
+    fragility : Fragility or None
+        The probability of a passage or of a failure for records of rising strength, where the study asks for it.
     """
 
     result: SamplingResult | None
@@ -61,6 +64,7 @@ class StudyOutcome:
     calibration: CalibrationResult | None = None
     law_choice: LawChoice | None = None
     parameter_study: ParameterStudy | None = None
+    fragility: Fragility | None = None
 
     @property
     def trusted(self) -> bool:
@@ -218,4 +222,5 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
         found.calibration,
         found.law_choice,
         found.parameter_study,
+        found.fragility,
     )

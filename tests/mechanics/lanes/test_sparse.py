@@ -60,6 +60,32 @@ def test_products_and_solutions_with_a_matrix_of_each_run(solving):
     np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12)
 
 
+def test_derivatives_along_several_directions_at_once():
+    """Of products in all that they take; of solutions in their right sides, with one matrix for all directions."""
+
+    def products(theta, force):
+        blocks = jnp.asarray(BLOCKS)[..., None] * jnp.exp(0.2 * theta[:, 0])
+        of_all = MATRIX.times(jnp.concatenate([jnp.sin(theta.T), force * theta.T[:2]]))
+        return PATTERN.times(blocks, of_all)
+
+    def slopes(theta, force):
+        def along(direction):
+            tangent = jnp.broadcast_to(direction, theta.shape)
+            return jax.jvp(lambda at: products(at, force), (theta,), (tangent,))
+
+        value, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(3))
+        blocks = jnp.asarray(BLOCKS)[..., None] * jnp.cos(theta[:, 1])
+        diagonal = jnp.broadcast_to(jnp.eye(2)[None, ..., None], (SIZE, 2, 2, len(theta)))
+        solved = jax.vmap(lambda right: PATTERN.solve_one_plus(blocks, diagonal, right))(slopes)
+        return jnp.concatenate([value[None], slopes, solved]).reshape(-1, len(theta))
+
+    found, expected = through_lanes(slopes)
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12)
+    step, second = 1e-6, slice(4 * SIZE, 6 * SIZE)  # the value comes first, then a slope along each parameter
+    ends = [through_lanes(products, ROWS + sign * step * np.eye(3)[1])[0] for sign in (1.0, -1.0)]
+    np.testing.assert_allclose(found[:, second], (ends[0] - ends[1]) / (2.0 * step), atol=1e-8)
+
+
 def test_the_elimination_fills_in_what_it_says():
     """LU of a random matrix with the pattern, in the planned order, has no number at another place."""
     plan = elimination(PATTERN.rows, PATTERN.columns, SIZE)

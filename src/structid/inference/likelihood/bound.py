@@ -13,12 +13,13 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import lax
 
 from structid.device import jnp
 from structid.errors import Status
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
 from structid.inference.likelihood.observation import Observation
-from structid.mechanics.time_loop import TimeLoop, sum_of_squares
+from structid.mechanics.time_loop import TimeLoop, once_along_each, sum_of_squares
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.probability.space import ParameterSpace
@@ -344,12 +345,19 @@ class BoundLikelihood:
         parameters = self.parameters(theta)
         if measured.shortcut is not None and not self.observation.nuisances():
             return measured.shortcut.squares(parameters)
+        if self.observation.nuisances():
+            return self._squares(parameters, measured, self.residual(theta))
+        held = self.residual(lax.stop_gradient(theta))  # of which it needs nothing
+        found: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
+        return found
+
+    def _squares(self, parameters: Any, measured: Measured, residual: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
         loop = self._loop(parameters, measured)
         if loop is None:
-            response, finite = self.response(theta, measured)
-            return (self.residual(theta)(response, measured.values) ** 2).sum(axis=0), finite
-        nothing = jnp.zeros((len(self.channels), theta.shape[0]))
-        return loop.folded(sum_of_squares(nothing), measured.values, self.residual(theta))
+            response, finite = self._traceable.response(parameters, measured.excitation)
+            return (residual(response, measured.values) ** 2).sum(axis=0), finite
+        nothing = jnp.zeros((len(self.channels), parameters.shape[0]))
+        return loop.folded(sum_of_squares(nothing), measured.values, residual)
 
     def _loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
         """The loop over time that gives the response sample by sample; None where it is wanted whole, or is no loop."""

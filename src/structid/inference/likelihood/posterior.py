@@ -24,6 +24,7 @@ from structid.inference.likelihood.misfit import Misfit
 from structid.inference.likelihood.observation import Observation
 from structid.inference.target import Target
 from structid.journal import digest
+from structid.mechanics.lanes.differentiable import differentiable_in_lanes
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 from structid.probability.space import ParameterSpace
@@ -132,6 +133,9 @@ class Posterior(Target):
         """
         if not self.model.traceable:
             return super().traceable()
+        in_lanes = self._differentiable_in_lanes
+        if in_lanes is not None:
+            return lambda phi, _: in_lanes(phi), ()
         return self._in_coordinates, self.data
 
     def mapped_by(self, map: Map | None) -> Posterior:
@@ -373,9 +377,15 @@ class Posterior(Target):
             return None
         return InLanes(self.parts_in_coordinates).compiled(self.dimension, (self.data,))
 
+    @cached_property
+    def _differentiable_in_lanes(self) -> Callable[[Any], Any] | None:
+        """The same with its gradient, inside JAX."""
+        return differentiable_in_lanes(self._in_coordinates, self.dimension, (self.data,))
+
     def __getstate__(self) -> dict[str, Any]:
         # Code for this process's memory stays here.
-        return {name: value for name, value in self.__dict__.items() if name != "_compiled_in_lanes"}
+        compiled = ("_compiled_in_lanes", "_differentiable_in_lanes")
+        return {name: value for name, value in self.__dict__.items() if name not in compiled}
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.

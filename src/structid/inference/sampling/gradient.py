@@ -43,7 +43,8 @@ class NUTS(Sampler):
     """Settings of the No-U-Turn sampler.
 
     Chains start at draws of the tempered posterior if the target knows its prior, and at the target's starting points otherwise.
-    During the warm-up, each chain learns its step size and its dense mass matrix. Then it draws.
+    During the warm-up, each chain learns its step size and its dense mass matrix, which begins as the tempered draws' own. Then it
+    draws.
 
     Parameters
     ----------
@@ -155,8 +156,8 @@ class NUTS(Sampler):
         lengths = list(block_lengths(self.steps))
         blocks = blocks[:1] + without_cut_off(blocks[1:], lengths)
         if not blocks:
-            phi = self._start(target, seed, start)
-            blocks = [kernels.warmed_up(phi, stream(seed, Purpose.NUTS_WARM_UP, 0))]
+            phi, inverse_mass = self._start(target, seed, start)
+            blocks = [kernels.warmed_up(phi, inverse_mass, stream(seed, Purpose.NUTS_WARM_UP, 0))]
             keep(0, blocks[0])
         if progress is not None:
             progress(self.warm_up, total)
@@ -173,13 +174,16 @@ class NUTS(Sampler):
             every["phi"], every["log_density"], every["accepted"], 0, divergent=int(every["divergent"].sum())
         )  # fmt: skip
 
-    def _start(self, target: Target, seed: int, points: np.ndarray | None) -> np.ndarray:
-        """Starting points of finite density, (chain, parameter)."""
+    def _start(self, target: Target, seed: int, points: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+        """Starting points of finite density, (chain, parameter), and a first inverse of the mass matrix."""
         rng = stream(seed, Purpose.NUTS_START, 0)
+        inverse_mass = np.eye(target.dimension)
         if points is not None:
             candidates = target.bijection.inverse(np.atleast_2d(np.asarray(points, dtype=np.float64)))
         elif target.knows_prior:
             candidates = tempered_draws(target, seed)
+            # Along a narrow ridge the first trajectories would take a thousand steps each by any other.
+            inverse_mass = _covariance(candidates)
         else:
             candidates = target.initial(START_TRIES * self.chains, rng)
         finite = candidates[np.isfinite(target.evaluate(candidates)[0])]
@@ -187,7 +191,14 @@ class NUTS(Sampler):
             raise ConvergenceError(
                 f"None of {len(candidates)} starting points has a finite log density. Check the priors."
             )
-        return np.asarray(finite[rng.choice(len(finite), size=self.chains, replace=len(finite) < self.chains)])
+        chosen = rng.choice(len(finite), size=self.chains, replace=len(finite) < self.chains)
+        return finite[chosen], inverse_mass
+
+
+def _covariance(points: np.ndarray) -> np.ndarray:
+    """Of points (point, parameter); never singular."""
+    covariance = np.atleast_2d(np.cov(points.T))
+    return covariance + 1e-9 * np.diag(np.maximum(np.diag(covariance), 1e-12))
 
 
 @functools.lru_cache(maxsize=2)
@@ -204,11 +215,12 @@ class _Kernels:
         self._settings = settings
         self._compiled: dict[Any, Callable[..., Any]] = {}
 
-    def warmed_up(self, phi: np.ndarray, rng: np.random.Generator) -> Block:
+    def warmed_up(self, phi: np.ndarray, inverse_mass: np.ndarray, rng: np.random.Generator) -> Block:
         """Step, mass matrix and position of every chain after the warm-up, as a block of one step."""
         chains = len(phi)
+        first = np.broadcast_to(inverse_mass, (chains, *inverse_mass.shape))
         position, step_size, inverse_mass = self._over_chains("warm-up", self._warm_up)(
-            np.arange(chains), phi, _keys(rng, chains), self._data
+            np.arange(chains), phi, first, _keys(rng, chains), self._data
         )
         return {
             "phi": position[None, :, None],
@@ -267,13 +279,14 @@ class _Kernels:
             self._compiled[name] = over_runs(some_chains)
         return self._compiled[name]
 
-    def _warm_up(self, phi: Any, key: Any, data: Any) -> tuple[Any, Any, Any]:
+    def _warm_up(self, phi: Any, inverse_mass: Any, key: Any, data: Any) -> tuple[Any, Any, Any]:
         import blackjax
 
         adaptation = blackjax.window_adaptation(
             blackjax.nuts,
             self._density(data),
             is_mass_matrix_diagonal=False,
+            initial_inverse_mass_matrix=inverse_mass,
             target_acceptance_rate=self._settings.target_acceptance,
             max_num_doublings=self._settings.deepest,
         )

@@ -6,6 +6,7 @@ JAX has dense products and LAPACK for them; a loop in lanes would write these ou
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax.extend.core import Primitive
+from jax.interpreters import ad, batching
 
 from structid.device import jnp
 from structid.mechanics.lanes.elimination import Elimination, elimination
@@ -149,14 +151,41 @@ class BlockPattern:
 
 sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
 
+AXES = {sparse_times: (2,), block_times: (4, 2), block_solve: (4, 4, 2)}
+"""Axes of what each takes, for one direction. With one axis more, first, it takes an array for each of several directions, along
+which something is differentiated."""
 
-def _abstract(primitive: Any, rows_of: Any) -> None:
+
+def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
+    """Tell JAX shapes, and what becomes of several directions."""
+
     def shape(*arrays: Any, **parameters: Any) -> Any:
-        return jax.core.ShapedArray((rows_of(**parameters), arrays[-1].shape[-1]), arrays[-1].dtype)
+        leading = [a.shape[0] for a, axes in zip(arrays, AXES[primitive], strict=True) if len(a.shape) > axes]
+        return jax.core.ShapedArray((*leading[:1], rows_of(**parameters), arrays[-1].shape[-1]), arrays[-1].dtype)
+
+    def directions(arrays: Any, axes: Any, **parameters: Any) -> tuple[Any, int]:
+        first = [a if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
+        return primitive.bind(*first, **parameters), 0
 
     primitive.def_abstract_eval(shape)
+    batching.primitive_batchers[primitive] = directions
 
 
-_abstract(sparse_times, lambda matrix: len(matrix.dense))
-_abstract(block_times, lambda pattern: 2 * pattern.size)
-_abstract(block_solve, lambda pattern: 2 * pattern.size)
+_define(sparse_times, lambda matrix: len(matrix.dense))
+_define(block_times, lambda pattern: 2 * pattern.size)
+_define(block_solve, lambda pattern: 2 * pattern.size)
+
+
+def _each_slope(primitive: Any) -> Callable[..., Any]:
+    """Derivative of an operation that is linear in each of what it takes."""
+
+    def slope(place: int) -> Callable[..., Any]:
+        return lambda tangent, *arrays, **parameters: primitive.bind(
+            *arrays[:place], tangent, *arrays[place + 1 :], **parameters
+        )
+
+    return slope
+
+
+for _operation in (sparse_times, block_times):
+    ad.defjvp(_operation, *map(_each_slope(_operation), range(len(AXES[_operation]))))

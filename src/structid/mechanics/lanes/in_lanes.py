@@ -19,7 +19,7 @@ from structid.mechanics.lanes.operations import Function, largest_state
 from structid.mechanics.lanes.primitives import UntranslatableError
 from structid.mechanics.lanes.row_by_row import row_by_row
 from structid.mechanics.lanes.signals import Signals
-from structid.mechanics.lanes.splitting import by_jax, foreign_results
+from structid.mechanics.lanes.splitting import by_jax, foreign_results, in_few_sizes
 from structid.mechanics.lanes.values import History
 
 KEPT = 8
@@ -157,19 +157,53 @@ class _Bound:
         flat = Function.inlined(traced)
         foreign = foreign_results(flat)
         self._foreign = by_jax(flat, foreign) if foreign else None
+        self._foreign_on_host = in_few_sizes(self._foreign) if self._foreign is not None else None
         self.kernel: Kernel = kernel(flat, lanes(largest_state(flat)), foreign)
         self._compiled = load(self.kernel.text, ENTRY)
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
 
     def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
+        return self._run(theta, None if self._foreign_on_host is None else self._foreign_on_host(theta), signals)
+
+    def inside_jax(self, theta: Any) -> Any:
+        """Call the function from inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            One row for each run.
+
+        Returns
+        -------
+        tree of jax.Array
+            What the function returns, with the runs first. It has no derivative.
+        """
+        foreign = jnp.zeros((0, theta.shape[0])) if self._foreign is None else self._foreign(theta)
+        shapes = [jax.ShapeDtypeStruct((theta.shape[0], *o.shape), o.kind) for o in self._outputs]
+
+        def on_host(theta: Any, foreign: Any) -> list[np.ndarray]:
+            # Where JAX maps the call over an axis, here it comes first.
+            theta, foreign = np.asarray(theta), np.asarray(foreign)
+            rows = theta.reshape(-1, theta.shape[-1])
+            numbers = np.moveaxis(foreign, -2, 0).reshape(foreign.shape[-2], len(rows))
+            found = jax.tree.leaves(self._run(rows, numbers, None))
+            first = [np.moveaxis(x, o.axis, 0) for x, o in zip(found, self._outputs, strict=True)]
+            return [x.reshape(*theta.shape[:-1], *x.shape[1:]) for x in first]
+
+        # What runs need of JAX comes before the call: JAX within it would wait for the program that waits for the call.
+        return jax.tree.unflatten(
+            self._tree, jax.pure_callback(on_host, shapes, theta, foreign, vmap_method="broadcast_all")
+        )
+
+    def _run(self, theta: np.ndarray, foreign: np.ndarray | None, signals: Signals | None) -> Any:
         kernel, (count, columns) = self.kernel, theta.shape
         blocks = -(-count // kernel.width)
         stride = _row_length(blocks * kernel.width)
         arguments = _empty(kernel.taken, stride)
         arguments[:columns, :count], arguments[:columns, count:] = theta.T, theta[-1:].T
-        if self._foreign is not None:
-            arguments[columns:, :count] = self._foreign(theta)
-            arguments[columns:, count:] = arguments[columns:, count - 1 : count]
+        if foreign is not None:
+            arguments[columns:, :count] = foreign
+            arguments[columns:, count:] = foreign[:, -1:]
         results, histories = _empty(kernel.rows, stride), _empty(kernel.histories, stride)
         next_block = np.zeros(1, dtype=np.int64)
         given = np.empty(0) if signals is None else signals.in_blocks(kernel.width)
@@ -204,6 +238,11 @@ class _Output:
     shape: tuple[int, ...]
     axis: int
     truths: bool
+
+    @property
+    def kind(self) -> type:
+        """Of its numbers."""
+        return bool if self.truths else float
 
     def taken_from(self, buffers: tuple[np.ndarray, np.ndarray], count: int) -> np.ndarray:
         """The array of so many runs."""

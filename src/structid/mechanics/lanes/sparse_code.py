@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from structid.mechanics.lanes.block_sparse import BlockPattern, SparseMatrix
+from structid.mechanics.lanes.block_sparse import AXES, BlockPattern, SparseMatrix, block_solve, sparse_times
 from structid.mechanics.lanes.primitives import Array
 from structid.mechanics.lanes.registers import Number
 from structid.mechanics.lanes.shared_numbers import SharedNumbers
-from structid.mechanics.lanes.values import InMemory, Value, array_of
+from structid.mechanics.lanes.values import InMemory, Shared, Value, array_of
 from structid.mechanics.lanes.vector_code import FLAGS, VectorCode
 
 
@@ -132,19 +135,50 @@ class _Writer:
         begin = self.entry(firsts, at)
         return begin, self.code.whole("sub", self.entry(firsts, self.code.whole("add", at, 1)), begin)
 
-    def loaded(self, base: str, count: int) -> Array:
-        return array_of([self.load(base, i) for i in range(count)], (count, 1))
+    def loaded(self, base: str, shape: tuple[int, ...]) -> Array:
+        return array_of([self.load(base, i) for i in range(math.prod(shape))], shape)
+
+
+@dataclass(frozen=True)
+class _Operand:
+    """An array in memory, or one for each of several directions.
+
+    Parameters
+    ----------
+    place : str
+        Name of the address of its first number.
+    size : int
+        Numbers of the array of one direction.
+    several : bool
+        Whether there are several.
+    """
+
+    place: str
+    size: int
+    several: bool
+
+    def along(self, code: VectorCode, direction: str) -> str:
+        """Name of the address of the first number that belongs to a direction."""
+        if not self.several:
+            return self.place
+        return code.address(self.place, code.whole("mul", direction, self.size), lanes=True)
 
 
 def written(
-    name: str, code: VectorCode, shared: SharedNumbers, parameters: dict[str, Any], taken: list[Value], numbers: Any
+    primitive: Any,
+    code: VectorCode,
+    shared: SharedNumbers,
+    parameters: dict[str, Any],
+    taken: list[Value],
+    numbers: Any,
+    shape: tuple[int, ...],
 ) -> Array:
     """Write one of the operations as vector code.
 
     Parameters
     ----------
-    name : str
-        Of the primitive.
+    primitive : Primitive
+        Which.
     code : VectorCode
         Where it is written.
     shared : SharedNumbers
@@ -155,30 +189,38 @@ def written(
         What it takes.
     numbers : callable
         Numbers of an array that is not in memory.
+    shape : tuple of int
+        Of the result, (row, 1), or (direction, row, 1).
 
     Returns
     -------
     ndarray of Number
-        Its result, (row, 1).
+        Its result.
     """
-    writer = _Writer(code, shared)
-    if name == "sparse_times":
-        return _sparse_times(writer, parameters["matrix"], writer.of(taken[0], numbers))
-    pattern: BlockPattern = parameters["pattern"]
-    memory = [writer.of(value, numbers) for value in taken]
-    return (_block_times if name == "block_times" else _block_solve)(writer, pattern, *memory)
+    writer, rows, directions = _Writer(code, shared), shape[-2], math.prod(shape[:-2])
+    operands = []
+    for value, axes in zip(taken, AXES[primitive], strict=True):
+        of_value = value.values.shape if isinstance(value, Shared) else value.shape
+        several = len(of_value) > axes
+        operands.append(_Operand(writer.of(value, numbers), math.prod(of_value[several:]), several))
+    found = _Operand(writer.memory(directions * rows), rows, len(shape) > 2)
+    operation: Callable[..., None] = _sparse_times if primitive is sparse_times else _block_times
+    if primitive is block_solve:
+        # One matrix for all directions.
+        *of_matrix, right = operands
+        factors = _factors(writer, parameters["pattern"], *(operand.place for operand in of_matrix))
+        operation, operands = functools.partial(_substituted, factors=factors), [right]
+    with code.loop(directions) as direction:
+        operation(writer, *parameters.values(), *(o.along(code, direction) for o in (*operands, found)))
+    return writer.loaded(found.place, shape)
 
 
-WRITTEN = ("sparse_times", "block_times", "block_solve")
-"""Names of the primitives that `written` knows."""
-
-
-def _sparse_times(writer: _Writer, matrix: SparseMatrix, x: str) -> Array:
+def _sparse_times(writer: _Writer, matrix: SparseMatrix, x: str, found: str) -> None:
     rows, columns = np.nonzero(matrix.dense)
     firsts = np.searchsorted(rows, np.arange(len(matrix.dense) + 1))
     values = writer.shared.place(matrix.dense[rows, columns])
     firsts_at, columns_at = writer.table(firsts), writer.table(columns)
-    code, found, total = writer.code, writer.memory(len(matrix.dense)), writer.memory(1)
+    code, total = writer.code, writer.memory(1)
     with code.loop(len(matrix.dense)) as row:
         begin, count = writer.between(firsts_at, row)
         writer.store(0.0, total, 0)
@@ -188,64 +230,74 @@ def _sparse_times(writer: _Writer, matrix: SparseMatrix, x: str) -> Array:
             product = (value, writer.load(x, writer.entry(columns_at, place)))
             writer.store(writer.sum_of_products(product, beside=writer.load(total, 0)), total, 0)
         writer.store(writer.load(total, 0), found, row)
-    return writer.loaded(found, len(matrix.dense))
 
 
-def _block_times(writer: _Writer, pattern: BlockPattern, blocks: str, x: str) -> Array:
-    found = writer.memory(2 * pattern.size)
+def _block_times(writer: _Writer, pattern: BlockPattern, blocks: str, x: str, found: str) -> None:
     writer.zeros(found, 2 * pattern.size)
     rows, columns = writer.table(pattern.rows), writer.table(pattern.columns)
     with writer.code.loop(len(pattern.rows)) as at:
         row, column = writer.entry(rows, at), writer.entry(columns, at)
         block, pair = writer.block(blocks, at), writer.pair(x, column)
         writer.put(writer.block_times_pair(block, pair, writer.pair(found, row), "fadd"), found, row)
-    return writer.loaded(found, 2 * pattern.size)
 
 
-def _block_solve(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str, right: str) -> Array:
-    """LU of I + A D by blocks, without pivoting, and both substitutions."""
+def _factors(writer: _Writer, pattern: BlockPattern, blocks: str, diagonal: str) -> str:
+    """LU of I + A D by blocks, without pivoting: memory with L below, U beside, and the inverses of the pivots."""
     plan, code = pattern.plan, writer.code
-    matrix, x = writer.memory(4 * plan.count), writer.memory(2 * pattern.size)
+    matrix = writer.memory(4 * plan.count)
     writer.zeros(matrix, 4 * plan.count)
     given, columns = writer.table(plan.given), writer.table(pattern.columns)
     with code.loop(len(plan.given)) as at:
         product = writer.block_times_block(writer.block(blocks, at), writer.block(diagonal, writer.entry(columns, at)))
         writer.put(product, matrix, writer.entry(given, at))
-    with code.loop(2 * pattern.size) as at:
-        writer.store(writer.load(right, at), x, at)
-    order, pivots = writer.table(plan.order), writer.table(plan.diagonal)
-    below, row_below, first_below = (writer.table(t) for t in (plan.below, plan.row_below, plan.first_below))
-    beside, row_beside, first_beside = (writer.table(t) for t in (plan.beside, plan.row_beside, plan.first_beside))
-    target, first_target = writer.table(plan.target), writer.table(plan.first_target)
+    pivots, below, beside, target = (writer.table(t) for t in (plan.diagonal, plan.below, plan.beside, plan.target))
+    first_below, first_target = writer.table(plan.first_below), writer.table(plan.first_target)
     with code.loop(pattern.size) as k:
         pivot = writer.entry(pivots, k)
         a = writer.block(matrix, pivot)
         one_more = [code.operation(f"fadd {FLAGS}", [a[i], 1.0]) if i in (0, 3) else a[i] for i in range(4)]
         inverse = writer.inverse(one_more)
         writer.put(inverse, matrix, pivot)
-        own = writer.pair(x, writer.entry(order, k))
         begin, count = writer.between(first_below, k)
         with code.loop(count) as number:
             at = code.whole("add", begin, number)
-            lower = writer.block_times_block(writer.block(matrix, writer.entry(below, at)), inverse)
-            row = writer.entry(row_below, at)
-            writer.put(writer.block_times_pair(lower, own, writer.pair(x, row)), x, row)
+            place_below = writer.entry(below, at)
+            lower = writer.block_times_block(writer.block(matrix, place_below), inverse)
+            writer.put(lower, matrix, place_below)
             targets = writer.entry(first_target, at)
             with code.loop(count) as across:
                 upper = writer.block(matrix, writer.entry(beside, code.whole("add", begin, across)))
                 place = writer.entry(target, code.whole("add", targets, across))
                 writer.put(writer.block_times_block(lower, upper, writer.block(matrix, place)), matrix, place)
+    return matrix
+
+
+def _substituted(writer: _Writer, pattern: BlockPattern, right: str, x: str, factors: str) -> None:
+    """Both substitutions."""
+    plan, code = pattern.plan, writer.code
+    with code.loop(2 * pattern.size) as at:
+        writer.store(writer.load(right, at), x, at)
+    order, pivots = writer.table(plan.order), writer.table(plan.diagonal)
+    below, row_below, first_below = (writer.table(t) for t in (plan.below, plan.row_below, plan.first_below))
+    beside, row_beside, first_beside = (writer.table(t) for t in (plan.beside, plan.row_beside, plan.first_beside))
+    with code.loop(pattern.size) as k:
+        own = writer.pair(x, writer.entry(order, k))
+        begin, count = writer.between(first_below, k)
+        with code.loop(count) as number:
+            at = code.whole("add", begin, number)
+            row = writer.entry(row_below, at)
+            lower = writer.block(factors, writer.entry(below, at))
+            writer.put(writer.block_times_pair(lower, own, writer.pair(x, row)), x, row)
     with code.loop(pattern.size) as done:
         k = code.whole("sub", pattern.size - 1, done)
         unknown = writer.entry(order, k)
-        writer_pair = writer.pair(x, unknown)
-        sums = writer.memory(writer_pair)
+        own = writer.pair(x, unknown)
+        sums = writer.memory(own)
         begin, count = writer.between(first_beside, k)
         with code.loop(count) as number:
             at = code.whole("add", begin, number)
-            upper = writer.block(matrix, writer.entry(beside, at))
+            upper = writer.block(factors, writer.entry(beside, at))
             other = writer.pair(x, writer.entry(row_beside, at))
             writer.put(writer.block_times_pair(upper, other, writer.pair(sums, "0")), sums, "0")
-        inverse = writer.block(matrix, writer.entry(pivots, k))
+        inverse = writer.block(factors, writer.entry(pivots, k))
         writer.put(writer.block_times_pair(inverse, writer.pair(sums, "0")), x, unknown)
-    return writer.loaded(x, 2 * pattern.size)

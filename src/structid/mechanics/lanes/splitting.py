@@ -18,7 +18,7 @@ from structid.mechanics.lanes.values import MOVES
 LARGEST = 256
 """Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
 
-AT_ONCE = (8, 64, 256)
+AT_ONCE = (8, 16, 32, 64, 256)
 """Runs that JAX does in one call: few shapes are compiled, and matrices of more runs would not stay in the caches."""
 
 
@@ -72,9 +72,9 @@ def foreign_results(function: Function) -> list[Any]:
 
 def _is_foreign(equation: Any, of_run: set[Any]) -> bool:
     name = equation.primitive.name
-    if name == "gather":
-        return equation.invars[1] in of_run
     sizes = [int(np.prod(v.aval.shape)) for v in (*equation.invars, *equation.outvars)]
+    if name == "gather":
+        return equation.invars[1] in of_run or max(sizes) > LARGEST
     return (name not in ARITHMETIC and name not in ARRANGEMENT and name not in REDUCTION) or max(sizes) > LARGEST
 
 
@@ -87,8 +87,8 @@ def _needed(function: Function, foreign: set[Any]) -> list[Any]:
     return [v for e in function.eqns for v in e.outvars if v in foreign and v in needed]
 
 
-def by_jax(function: Function, results: Sequence[Any]) -> Callable[[np.ndarray], np.ndarray]:
-    """Compile what leads to some results of a function of one run, for many.
+def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
+    """Give what leads to some results of a function of one run, for many, inside JAX.
 
     Parameters
     ----------
@@ -117,7 +117,24 @@ def by_jax(function: Function, results: Sequence[Any]) -> Callable[[np.ndarray],
             known.update(zip(equation.outvars, made if equation.primitive.multiple_results else [made], strict=True))
         return jnp.concatenate([jnp.ravel(known[v]).astype(float) for v in results])
 
-    compiled = jax.jit(jax.vmap(of_one_run, out_axes=1))
+    of_runs: Callable[[Any], Any] = jax.vmap(of_one_run, out_axes=1)
+    return of_runs
+
+
+def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
+    """Compile a function of many runs, so that few shapes are compiled.
+
+    Parameters
+    ----------
+    function : callable
+        Inside JAX, from θ (run, parameter) to numbers (number, run).
+
+    Returns
+    -------
+    callable
+        The same of NumPy arrays, for any number of runs.
+    """
+    compiled = jax.jit(function)
 
     def of_rows(theta: np.ndarray) -> np.ndarray:
         parts, first = [], 0

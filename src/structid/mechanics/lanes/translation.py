@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 from jax.extend.core import Literal
 
+from structid.mechanics.lanes.block_sparse import AXES
 from structid.mechanics.lanes.operations import Function, constants_and_carried
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, Array, UntranslatableError
 from structid.mechanics.lanes.registers import Number
 from structid.mechanics.lanes.shared_numbers import SharedNumbers
 from structid.mechanics.lanes.slots import Slots, Table
-from structid.mechanics.lanes.sparse_code import WRITTEN, written
+from structid.mechanics.lanes.sparse_code import written
 from structid.mechanics.lanes.values import (
     MOVES,
     History,
@@ -122,8 +123,8 @@ class Translator:
             return self._loop(parameters, taken)
         if name == "while":
             return self._while(parameters, taken)
-        if name in WRITTEN:
-            return [written(name, self.code, self.shared, parameters, taken, self.numbers)]
+        if primitive in AXES:
+            return [written(primitive, self.code, self.shared, parameters, taken, self.numbers, shape)]
         if isinstance(taken[0], History) and name in MOVES:
             found = moved(name, parameters, taken[0], shape)
             if found is not None:

@@ -15,7 +15,7 @@ from structid.inference.likelihood.law_kind import LawKind
 from structid.inference.sampling.sampler_list import SamplerKind
 from structid.keys import Section
 from structid.models.kind import ModelKind
-from structid.study.schema.static_tables import ModelSection, PriorSection, VirtualSection
+from structid.study.schema.static_tables import LARGEST_COUNT, ModelSection, PriorSection, VirtualSection
 from structid.surrogates.kind import SurrogateKind
 
 
@@ -23,7 +23,7 @@ class SurrogateSection(Section):
     """Keys of a surrogate of any kind."""
 
     kind: str
-    validation: int = Field(default=500, ge=10)
+    validation: int = Field(default=500, ge=10, le=LARGEST_COUNT)
     limit: float | None = Field(default=None, gt=0)
     outside: Literal["warn", "refuse", "allow"] | None = None
     trust: bool = False

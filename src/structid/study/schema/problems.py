@@ -109,9 +109,8 @@ def _allowed(error: Any) -> str:
         return f"{'at least' if kind == 'too_short' else 'at most'} {limit} value{'' if limit == 1 else 's'}"
     for name, words in LIMITS.items():
         if name in context:
-            return (
-                f"{words} {context[name]:g}" if isinstance(context[name], (int, float)) else f"{words} {context[name]}"
-            )
+            limit = context[name]
+            return f"{words} {limit:g}" if isinstance(limit, float) else f"{words} {limit}"
     return KINDS_OF_VALUE.get(kind, "")
 
 

@@ -8,6 +8,9 @@ from pydantic import Field
 
 from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
 
+LARGEST_COUNT = 1_000_000
+"""Of runs, points or draws that a file may ask for: more are a slip of the finger, and would not fit the memory."""
+
 
 class SyntheticSection(Section):
     """A stochastic record made on the spot; see `GroundMotion.synthetic`."""
@@ -96,7 +99,7 @@ class DeterministicSection(Section):
     """Deterministic calibration beside the Bayesian one; an empty list of methods leaves it out."""
 
     methods: tuple[Literal["pattern_search", "interior_point"], ...] | None = None
-    starts: int = Field(default=10, ge=1)
+    starts: int = Field(default=10, ge=1, le=LARGEST_COUNT)
     constraints: tuple[str, ...] = ()
     bounds: dict[str, tuple[float | str, float | str]] = Field(default_factory=dict)
 
@@ -104,7 +107,7 @@ class DeterministicSection(Section):
 class CampaignSection(Section):
     """A design of true runs, stored; see `Campaign`."""
 
-    runs: int = Field(ge=1)
+    runs: int = Field(ge=1, le=LARGEST_COUNT)
     method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "sobol"
     widen: float | None = Field(default=None, gt=0)
     seed: int | None = Field(default=None, ge=0)
@@ -116,7 +119,7 @@ class CampaignSection(Section):
 class ParameterStudySection(Section):
     """Runs over the priors: who passes which limits, and what peaks depend on; see `parameter_study`."""
 
-    runs: int = Field(ge=20)
+    runs: int = Field(ge=20, le=LARGEST_COUNT)
     method: Literal["latin_hypercube", "maximin", "sobol", "random"] = "latin_hypercube"
     seed: int | None = Field(default=None, ge=0)
     channel: str
@@ -132,23 +135,23 @@ class FragilitySection(Section):
     limit: float | str
     pga: Annotated[tuple[MetresPerSecondSquared, ...], Field(min_length=1)]
     records: Annotated[tuple[RecordSection, ...], Field(min_length=1)]
-    draws: int = Field(default=100, ge=10)
+    draws: int = Field(default=100, ge=10, le=LARGEST_COUNT)
     surrogate: bool | None = None
-    training: int = Field(default=60, ge=10)
-    checks: int = Field(default=30, ge=5)
+    training: int = Field(default=60, ge=10, le=LARGEST_COUNT)
+    checks: int = Field(default=30, ge=5, le=LARGEST_COUNT)
 
 
 class CalibrationSection(Section):
     """True runs where the posterior is, until a certificate holds; see `calibrate`."""
 
-    true_runs: int = 500
-    start: int = Field(default=60, ge=10)
-    batch: int = Field(default=40, ge=5)
-    certificate: int = Field(default=200, ge=50)
+    true_runs: int = Field(default=500, le=LARGEST_COUNT)
+    start: int = Field(default=60, ge=10, le=LARGEST_COUNT)
+    batch: int = Field(default=40, ge=5, le=LARGEST_COUNT)
+    certificate: int = Field(default=200, ge=50, le=LARGEST_COUNT)
 
 
 class PredictionSection(Section):
     """Prediction for other records."""
 
     records: tuple[RecordSection, ...] = ()
-    draws: int = Field(default=400, ge=2)
+    draws: int = Field(default=400, ge=2, le=LARGEST_COUNT)
