@@ -15,11 +15,12 @@ from functools import partial
 from typing import Any
 
 import common
+import jax
 import numpy as np
 import opensees_wall
 
 import structid as si
-from structid.device import over_runs
+from structid.device import jnp, over_runs
 from structid.fem.assembly import Assembly
 from structid.fem.dense_newton import DenseWall, simulate
 from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
@@ -87,6 +88,40 @@ def cost_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     theirs = _in_opensees(assembly, base)
     if theirs is not None:
         rows.append(_timed("OpenSeesPy, uncoupled joints", theirs, 1, scale))
+    return rows
+
+
+def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
+    """Seconds of a log density with its derivatives along the four parameters: in lanes, and by JAX."""
+    space, model = si.ParameterSpace(**BOX), wall(*MONITORED)
+    measured = si.Observation(record, model.simulate(POINT[None], record).values[0], MONITORED)
+    posterior = si.Posterior(space, model, measured, si.IID(variance=1e-8))
+    phi = posterior.bijection.inverse(space.sample(8 if quick else 64, seed=64).values)
+    density, data = posterior.traceable()
+    in_lanes = jax.jit(jax.value_and_grad(lambda points: density(points, data).sum()))
+
+    def forward(points: Any, data: Any) -> tuple[Any, Any]:
+        def along(direction: Any) -> tuple[Any, Any]:
+            tangent = jnp.broadcast_to(direction, points.shape)
+            found: tuple[Any, Any] = jax.jvp(
+                lambda at: sum(posterior.parts_in_coordinates(at, data)[:2]), (points,), (tangent,)
+            )
+            return found
+
+        return jax.vmap(along, out_axes=(None, 0))(jnp.eye(posterior.dimension))
+
+    by_jax = over_runs(forward, (0, 1))
+    rows = [
+        _timed(
+            f"log density with its gradient, in lanes, {len(phi)} at once",
+            lambda: jax.block_until_ready(in_lanes(phi)),
+            len(phi),
+        )
+    ]
+    if not quick:  # half a minute of compilation
+        rows.append(
+            _timed("log density with its gradient, by JAX, 8 at once", lambda: by_jax(phi[:8], posterior.data), 8)
+        )
     return rows
 
 
@@ -206,7 +241,7 @@ def main() -> None:
         return
     quick = common.is_quick(__doc__.splitlines()[0])
     record = el_centro()
-    costs, set_up = cost_rows(record, quick), set_up_rows()
+    costs, set_up = cost_rows(record, quick) + gradient_rows(record, quick), set_up_rows()
     growth, grown = growth_rows(record, quick)
     box, told = box_rows(record, 64 if quick else 10_000)
     surrogates = surrogate_rows(record, (60,) if quick else (300, 900), 20 if quick else 100)

@@ -134,9 +134,7 @@ class Posterior(Target):
         if not self.model.traceable:
             return super().traceable()
         in_lanes = self._differentiable_in_lanes
-        if in_lanes is not None:
-            return lambda phi, _: in_lanes(phi), ()
-        return self._in_coordinates, self.data
+        return (self._in_coordinates, self.data) if in_lanes is None else (lambda phi, _: in_lanes(phi), ())
 
     def mapped_by(self, map: Map | None) -> Posterior:
         """Return the same posterior, with a map that does the runs of an external solver.
@@ -253,8 +251,7 @@ class Posterior(Target):
         likelihood, finite = self.likelihood.traced(theta, data)
         prior = self.space.jax_log_density(theta)
         inside = jnp.isfinite(prior)
-        outside = -jnp.inf
-        return jnp.where(inside, prior, outside), jnp.where(finite & inside, likelihood, outside), inside & ~finite
+        return jnp.where(inside, prior, -jnp.inf), jnp.where(finite & inside, likelihood, -jnp.inf), inside & ~finite
 
     def parts_in_coordinates(self, phi: Any, data: Sequence[Measured]) -> tuple[Any, Any, Any]:
         """Log prior and log-likelihood, inside JAX.
@@ -276,8 +273,7 @@ class Posterior(Target):
         return prior + jacobian, likelihood, failed
 
     def _in_coordinates(self, phi: Any, data: Sequence[Measured]) -> Any:
-        prior, likelihood, _ = self.parts_in_coordinates(phi, data)
-        return prior + likelihood
+        return sum(self.parts_in_coordinates(phi, data)[:2])
 
     # --- densities on the host ----------------------------------------------------------------------------------
 
@@ -310,8 +306,7 @@ class Posterior(Target):
             −inf outside the support and where the simulation failed.
         """
         prior, likelihood, _ = self._evaluate(theta)
-        density: np.ndarray = prior + likelihood
-        return density
+        return np.asarray(prior + likelihood)
 
     def log_likelihood(self, theta: np.ndarray) -> np.ndarray:
         """Log-likelihood.
@@ -384,8 +379,7 @@ class Posterior(Target):
 
     def __getstate__(self) -> dict[str, Any]:
         # Code for this process's memory stays here.
-        compiled = ("_compiled_in_lanes", "_differentiable_in_lanes")
-        return {name: value for name, value in self.__dict__.items() if name not in compiled}
+        return {name: value for name, value in self.__dict__.items() if not name.endswith("_in_lanes")}
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
