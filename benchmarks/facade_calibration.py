@@ -170,7 +170,7 @@ def wrong_model(count: int) -> list[list[str]]:
 def by_gradients(theta: np.ndarray, reference: si.SMC, nuts: si.NUTS) -> list[list[str]]:
     """One posterior of the wall itself by tempered SMC, and by NUTS through implicit derivatives.
 
-    Two parameters and 0.6 s of the record: a gradient takes a second for 2.5 s, and NUTS asks for thousands, one after another.
+    Two parameters and 0.6 s of the record: NUTS asks for thousands of gradients, one after another.
     """
     free, record = ("normal_energy", "tangential_strength"), el_centro().trim(0.9, 1.5)
     known = {name: value for name, value in settings_of(theta).items() if name not in free}
