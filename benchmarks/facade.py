@@ -113,14 +113,18 @@ def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     by_jax = over_runs(forward, (0, 1))
     rows = [
         _timed(
-            f"log density with its gradient, in lanes, {len(phi)} at once",
+            f"log density with its gradient along four parameters, in lanes, {len(phi)} at once",
             lambda: jax.block_until_ready(in_lanes(phi)),
             len(phi),
         )
     ]
     if not quick:  # half a minute of compilation
         rows.append(
-            _timed("log density with its gradient, by JAX, 8 at once", lambda: by_jax(phi[:8], posterior.data), 8)
+            _timed(
+                "log density with its gradient along four parameters, by JAX, 8 at once",
+                lambda: by_jax(phi[:8], posterior.data),
+                8,
+            )
         )
     return rows
 
