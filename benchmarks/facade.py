@@ -20,11 +20,12 @@ import numpy as np
 import opensees_wall
 
 import structid as si
-from structid.device import jnp, over_runs
+from structid.device import over_runs
 from structid.fem.assembly import Assembly
 from structid.fem.dense_newton import DenseWall, simulate
 from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
 from structid.mechanics.lanes import machine
+from structid.mechanics.slopes import with_slopes
 
 NAME = "facade"
 EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
@@ -101,14 +102,7 @@ def gradient_rows(record: si.GroundMotion, quick: bool) -> list[list[str]]:
     in_lanes = jax.jit(jax.value_and_grad(lambda points: density(points, data).sum()))
 
     def forward(points: Any, data: Any) -> tuple[Any, Any]:
-        def along(direction: Any) -> tuple[Any, Any]:
-            tangent = jnp.broadcast_to(direction, points.shape)
-            found: tuple[Any, Any] = jax.jvp(
-                lambda at: sum(posterior.parts_in_coordinates(at, data)[:2]), (points,), (tangent,)
-            )
-            return found
-
-        return jax.vmap(along, out_axes=(None, 0))(jnp.eye(posterior.dimension))
+        return with_slopes(lambda at: sum(posterior.parts_in_coordinates(at, data)[:2]), points)
 
     by_jax = over_runs(forward, (0, 1))
     rows = [

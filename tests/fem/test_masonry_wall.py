@@ -46,7 +46,7 @@ def test_no_loop_asks_for_a_residual_twice(law):
     wall = MasonryWall(free=NAMES, joint_law=law)
     traced = wall.traced(RECORD)
     mapped = jax.make_jaxpr(jax.vmap(lambda row: wall.response(row[None], traced)[0]))(np.array([SOFT, STIFF]))
-    conditions = [c for c in loop_conditions(mapped.jaxpr)]
+    conditions = list(loop_conditions(mapped.jaxpr))
     assert len(conditions) == 1 + JOINT_LAWS[law].load_steps
     allowed = {"lt", "and", "or", "reduce_or", "convert_element_type", "ge"}
     for condition in conditions:

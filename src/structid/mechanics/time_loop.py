@@ -10,6 +10,7 @@ import numpy as np
 from jax import lax
 
 from structid.device import jnp
+from structid.mechanics.slopes import with_slopes
 
 State = Any
 """A tree of arrays with the runs last."""
@@ -199,11 +200,7 @@ def once_along_each(function: Callable[[Any], Any], parameters: Any) -> Any:
     """
 
     def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
-        def along(direction: Any) -> tuple[Any, Any]:
-            value: tuple[Any, Any] = jax.jvp(function, primals, (jnp.broadcast_to(direction, primals[0].shape),))
-            return value
-
-        value, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(primals[0].shape[1]))
+        value, slopes = with_slopes(function, primals[0])
         return value, jax.tree.map(lambda x: _contracted(tangents[0], x), slopes)
 
     found = jax.custom_jvp(function)

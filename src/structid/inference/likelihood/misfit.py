@@ -9,7 +9,6 @@ from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
-import jax
 import numpy as np
 
 from structid.device import jnp, over_runs
@@ -17,6 +16,7 @@ from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.joint import JointLikelihood
 from structid.inference.likelihood.observation import Observation
 from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.slopes import with_slopes
 from structid.models.traceable import as_traceable
 from structid.probability.space import ParameterSpace
 
@@ -90,12 +90,7 @@ class Misfit:
     @cached_property
     def _compiled(self) -> dict[str, Callable[..., Any]]:
         def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
-            # Forward mode: few parameters, long histories. One tangent a parameter, all runs at once.
-            def pushed(direction: Any) -> Any:
-                tangent = jnp.broadcast_to(direction, theta.shape)
-                return jax.jvp(lambda t: self._residuals(t, data), (theta,), (tangent,))
-
-            residual, jacobian = jax.vmap(pushed, out_axes=(None, 0))(jnp.eye(theta.shape[1]))
+            residual, jacobian = with_slopes(lambda t: self._residuals(t, data), theta)
             gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
             return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
 

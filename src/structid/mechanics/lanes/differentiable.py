@@ -7,8 +7,8 @@ from typing import Any
 
 import jax
 
-from structid.device import jnp
 from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.slopes import with_slopes
 
 
 def differentiable_in_lanes(
@@ -35,12 +35,7 @@ def differentiable_in_lanes(
     """
 
     def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:
-        def along(direction: Any) -> tuple[Any, Any]:
-            tangent = jnp.broadcast_to(direction, phi.shape)
-            found: tuple[Any, Any] = jax.jvp(lambda at: density(at, *constants), (phi,), (tangent,))
-            return found
-
-        value, slopes = jax.vmap(along, out_axes=(None, 0))(jnp.eye(parameters))
+        value, slopes = with_slopes(lambda at: density(at, *constants), phi)
         return value, slopes.T
 
     compiled = InLanes(with_gradient).compiled(parameters, constants)
