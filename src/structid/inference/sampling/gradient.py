@@ -27,6 +27,7 @@ from structid.inference.sampling.sampler import (
 )
 from structid.inference.sampling.starting import tempered_draws
 from structid.inference.target import Target
+from structid.mechanics.slopes import with_slopes
 from structid.models.face import Progress
 from structid.streams import Purpose, stream
 
@@ -256,9 +257,8 @@ class _Kernels:
             return self._function(phi[None], data)[0]
 
         def forward(phi: Any) -> tuple[Any, Any]:
-            value, gradient = jax.vmap(lambda tangent: jax.jvp(plain, (phi,), (tangent,)), out_axes=(None, 0))(
-                jnp.eye(phi.shape[0])
-            )
+            (value,), slopes = with_slopes(lambda point: self._function(point, data), phi[None])
+            gradient = slopes[:, 0]
             # Outside the support a density is −∞ and its gradient not a number, which would spoil the momentum for good.
             return value, jnp.where(jnp.isfinite(gradient), gradient, 0.0)
 
