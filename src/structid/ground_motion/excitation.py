@@ -156,6 +156,36 @@ class Excitation:
         stages = np.stack([grid[0:-2:2], grid[1:-1:2], grid[2::2]], axis=1)
         return stages.reshape(steps, substeps, 3)
 
+    def values_at(self, times: np.ndarray) -> np.ndarray:
+        """Signal at any times within its duration.
+
+        Parameters
+        ----------
+        times : ndarray, shape (time,)
+            [s], from 0 to `duration`.
+
+        Returns
+        -------
+        ndarray, shape (time,)
+            In SI, with the interpolation of the signal.
+
+        Raises
+        ------
+        InputError
+            If the signal has ended before, or is periodic.
+        """
+        if self.interpolation == "periodic":
+            raise InputError(
+                f"{type(self).__name__} '{self.name}'", "a periodic signal", "linear or smooth interpolation"
+            )
+        latest = float(np.max(times, initial=0.0))
+        if latest > self.duration * (1.0 + 1e-9):
+            came = f"asked for {latest:g} s, which is after its end"
+            raise InputError(f"{type(self).__name__} '{self.name}'", came, f"up to {self.duration:g} s")
+        if self.interpolation == "smooth":
+            return np.asarray(scipy.interpolate.CubicSpline(self.time, self.values)(times))
+        return np.asarray(np.interp(times, self.time, self.values))
+
     @property
     def dropped_samples(self) -> int:
         """Number of lead-in samples, which a response leaves out."""

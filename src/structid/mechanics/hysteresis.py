@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from structid.device import jnp
+from structid.array_module import namespace
 
 
 class Law(NamedTuple):
@@ -88,8 +88,9 @@ def power(base: Any, exponent: Any) -> Any:
     """
     if isinstance(exponent, float) and exponent.is_integer():
         return base if exponent == 1.0 else base ** int(exponent)
+    xp = namespace(base)
     positive = base > 0.0
-    return jnp.where(positive, jnp.exp(exponent * jnp.log(jnp.where(positive, base, 1.0))), 0.0)
+    return xp.where(positive, xp.exp(exponent * xp.log(xp.where(positive, base, 1.0))), 0.0)
 
 
 def pinching(velocity: Any, z: Any, energy: Any, nu: Any, a: Any, law: Law) -> Any:
@@ -113,13 +114,14 @@ def pinching(velocity: Any, z: Any, energy: Any, nu: Any, a: Any, law: Law) -> A
     array
         h; 1 where β + γ ≤ 0, since there is no z_u then.
     """
+    xp = namespace(z)
     sum_of_shapes = nu * (law.beta + law.gamma)
     bounded = sum_of_shapes > 0.0
-    ultimate = power(jnp.maximum(a, 0.0) / jnp.where(bounded, sum_of_shapes, 1.0), _inverse(law.exponent))
-    zeta1 = law.zeta0 * (1.0 - jnp.exp(-law.p * energy))
+    ultimate = power(xp.maximum(a, 0.0) / xp.where(bounded, sum_of_shapes, 1.0), _inverse(law.exponent))
+    zeta1 = law.zeta0 * (1.0 - xp.exp(-law.p * energy))
     zeta2 = (law.psi0 + law.delta_psi * energy) * (law.lambda_ + zeta1)
-    h = 1.0 - zeta1 * jnp.exp(-(((z * jnp.sign(velocity) - law.q * ultimate) / zeta2) ** 2))
-    return jnp.where(bounded, h, 1.0)
+    h = 1.0 - zeta1 * xp.exp(-(((z * xp.sign(velocity) - law.q * ultimate) / zeta2) ** 2))
+    return xp.where(bounded, h, 1.0)
 
 
 def _inverse(exponent: Any) -> Any:
@@ -144,11 +146,12 @@ def hysteretic_rate(velocity: Any, z: Any, energy: Any, law: Law) -> Any:
     array
         z′ [m/s].
     """
+    xp = namespace(z)
     # |z|^(n−1) z = sign(z) |z|ⁿ has a derivative at z = 0, where the history starts; the printed form has none.
     if known(law.exponent, 1.0):
-        shape = law.beta * jnp.abs(velocity) * z + law.gamma * velocity * jnp.abs(z)
+        shape = law.beta * xp.abs(velocity) * z + law.gamma * velocity * xp.abs(z)
     else:
-        shape = power(jnp.abs(z), law.exponent) * (law.beta * jnp.abs(velocity) * jnp.sign(z) + law.gamma * velocity)
+        shape = power(xp.abs(z), law.exponent) * (law.beta * xp.abs(velocity) * xp.sign(z) + law.gamma * velocity)
     if not degrades(law):
         return law.amplitude * velocity - shape
     a = law.amplitude - law.delta_a * energy

@@ -244,6 +244,24 @@ class ShearFrame(TraceableModel):
         values["damping_ratio"] = column.get("damping_ratio", self.damping_ratio)
         return values
 
+    def storey_values(self) -> dict[str, float | np.ndarray]:
+        """Every parameter of the storeys.
+
+        Returns
+        -------
+        dict of str to float or ndarray, shape (storey,)
+            In SI, a number where all storeys share it; γ and not its ratio to β.
+
+        Raises
+        ------
+        InputError
+            If a parameter is free.
+        """
+        if self.free:
+            raise InputError("ShearFrame", f"{', '.join(self.free)} free", "a frame whose parameters are numbers")
+        values = self._values(np.zeros((1, 0)))
+        return {n: v if isinstance(v, float) else np.ravel(v) for n, v in values.items() if v is not None}
+
     def check_priors(self, space: ParameterSpace) -> None:
         """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.
 

@@ -1,0 +1,221 @@
+"""What a part of a structure answers to displacements that are imposed on it: its static force, and what it remembers."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from structid.array_module import namespace
+from structid.errors import InputError, names_checked
+from structid.mechanics.hysteresis import Law
+from structid.mechanics.moved_springs import moved
+
+
+class RestoringForce(ABC):
+    """A static force r(u) of the displacements of a part, and of those before.
+
+    What it remembers is handed in and out, so that a step can be tried and dropped. A laboratory cannot do so: there a
+    displacement is imposed once, and read once.
+    """
+
+    @abstractmethod
+    def at_rest(self, displacement: Any) -> Any:
+        """What is remembered before the first move.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros, in the shape of what will come.
+
+        Returns
+        -------
+        tree of arrays
+            The memory.
+        """
+
+    @abstractmethod
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Impose a displacement.
+
+        Parameters
+        ----------
+        memory : tree of arrays
+            What is remembered of the moves before.
+        displacement : array, shape (dof,) or (dof, run)
+            u [m], or [rad] where a degree of freedom turns.
+
+        Returns
+        -------
+        tuple
+            The force, in the shape of the displacement [N], and the memory after it.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class LinearForce(RestoringForce):
+    """r = K u.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (dof, dof)
+        K [N/m].
+    """
+
+    stiffness: np.ndarray
+
+    def at_rest(self, displacement: Any) -> Any:
+        """Nothing is remembered; see `RestoringForce.at_rest`.
+
+        Parameters
+        ----------
+        displacement : array
+            Zeros.
+
+        Returns
+        -------
+        tuple
+            Empty.
+        """
+        return ()
+
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Impose a displacement; see `RestoringForce.at`.
+
+        Parameters
+        ----------
+        memory : tuple
+            Nothing.
+        displacement : array, shape (dof,) or (dof, run)
+            u.
+
+        Returns
+        -------
+        tuple
+            K u, and nothing.
+        """
+        return self.stiffness @ displacement, memory
+
+
+@names_checked
+@dataclass(frozen=True, eq=False)
+class HystereticSprings(RestoringForce):
+    """Bouc-Wen-Baber-Noori springs between the degrees of freedom: r = Bᵀ k (α d + (1 − α) z) with the deformations d = B u.
+
+    Parameters
+    ----------
+    deformations : array-like, shape (spring, dof)
+        B.
+    stiffness : array-like, shape (spring,)
+        Initial stiffness k of every spring [N/m].
+    mass : array-like, shape (spring,)
+        Mass m that the energies of a spring are divided by [kg], as for `BoucWen`.
+    law : Law
+        α, β, γ and the others, each a number for all springs or an array (spring,); see `spring_law`.
+
+    Examples
+    --------
+    >>> springs = HystereticSprings([[1.0]], [7.6e6], [12_000.0], spring_law(alpha=0.05, beta=63.0, gamma=63.0))
+    >>> force, memory = springs.at(springs.at_rest(np.zeros(1)), np.array([1e-3]))
+    >>> print(f"{force[0]:.0f} N")
+    7153 N
+    """
+
+    deformations: np.ndarray
+    stiffness: np.ndarray
+    mass: np.ndarray
+    law: Law = field(repr=False)
+
+    def __post_init__(self) -> None:
+        rows = np.atleast_2d(np.asarray(self.deformations, dtype=np.float64))
+        object.__setattr__(self, "deformations", rows)
+        for name in ("stiffness", "mass"):
+            values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
+            if values.shape != (len(rows),) or not (np.isfinite(values).all() and (values > 0.0).all()):
+                raise InputError(
+                    f"HystereticSprings.{name}",
+                    f"{getattr(self, name)!r}",
+                    f"{len(rows)} positive numbers, one a spring",
+                )
+            object.__setattr__(self, name, values)
+
+    def at_rest(self, displacement: Any) -> Any:
+        """Springs that were never moved; see `RestoringForce.at_rest`.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros.
+
+        Returns
+        -------
+        dict
+            Deformation ``d``, hysteretic displacement ``z`` and hysteretic energy per mass ``e_h`` of every spring.
+        """
+        nothing = self.deformations @ displacement
+        return {"d": nothing, "z": nothing, "e_h": nothing}
+
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Impose a displacement; see `RestoringForce.at`.
+
+        Parameters
+        ----------
+        memory : dict
+            As `at_rest` gives it.
+        displacement : array, shape (dof,) or (dof, run)
+            u [m].
+
+        Returns
+        -------
+        tuple
+            The force [N], and the memory after it.
+        """
+        deformation = self.deformations @ displacement
+        law = Law(*(self._of_springs(value, deformation) for value in self.law))
+        stiffness = self._of_springs(self.stiffness, deformation)
+        per_mass = stiffness / self._of_springs(self.mass, deformation)
+        springs = {"z": memory["z"], "e_h": memory["e_h"]}
+        after = moved(law, (1.0 - law.alpha) * per_mass, springs, deformation - memory["d"])
+        # Bᵀ k [α d + (1 − α) z]                                                                      [3.13]
+        force = self.deformations.T @ (stiffness * (law.alpha * deformation + (1.0 - law.alpha) * after["z"]))
+        return force, {"d": deformation, **after}
+
+    @staticmethod
+    def _of_springs(value: Any, like: Any) -> Any:
+        """A value for every spring, with an axis for the runs where there are some."""
+        if isinstance(value, float) or like.ndim == 1:
+            return value
+        return namespace(like).asarray(value).reshape(-1, 1)
+
+
+def spring_law(
+    alpha: float | Sequence[float],
+    beta: float | Sequence[float],
+    gamma: float | Sequence[float],
+    **others: float | Sequence[float],
+) -> Law:
+    """Make the law of springs, without degradation and pinching where nothing is said of them.
+
+    Parameters
+    ----------
+    alpha, beta, gamma : float or sequence
+        α, and β and γ [1/m].
+    **others : float or sequence
+        ``exponent``, ``amplitude``, ``delta_a``, ``delta_nu``, ``delta_eta``, ``zeta0``, ``p``, ``q``, ``psi0``, ``delta_psi``,
+        ``lambda_``, as for `BoucWen`.
+
+    Returns
+    -------
+    Law
+        Numbers as floats, sequences as arrays (spring,).
+    """
+    given = dict.fromkeys(Law._fields, 0.0) | {"exponent": 1.0, "amplitude": 1.0} | others
+    unknown = set(given) - set(Law._fields)
+    if unknown:
+        raise InputError("spring_law", f"'{unknown.pop()}'", ", ".join(Law._fields))
+    given |= {"alpha": alpha, "beta": beta, "gamma": gamma}
+    values = {name: np.asarray(value, dtype=np.float64) for name, value in given.items()}
+    return Law(**{name: value if value.ndim else float(value) for name, value in values.items()})
