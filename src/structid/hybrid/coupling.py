@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -146,6 +146,27 @@ class Joined(ABC):
         CoarseStep
             What happened.
         """
+
+    def of_parts(self, numerical: Substructure, physical: Substructure) -> Self:
+        """Couple other parts in the same way, such as parts that have softened.
+
+        Parameters
+        ----------
+        numerical, physical : Substructure
+            Of the same interface.
+
+        Returns
+        -------
+        Joined
+            With the same steps.
+        """
+        coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
+        return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
+
+    @property
+    def guesses_for_specimen(self) -> bool:
+        """Whether the specimen moves under interface forces that were guessed."""
+        return False
 
     @property
     def numerical(self) -> OperatorSplitting:

@@ -118,13 +118,15 @@ class PartitionedHistories:
     fine: FineHistory
 
 
-def steps_over(joined: Joined, base: np.ndarray) -> Iterator[CoarseStep]:
+def steps_over(joined: Joined, start: CoupledState, base: np.ndarray) -> Iterator[CoarseStep]:
     """Take every coarse step of a record.
 
     Parameters
     ----------
     joined : Joined
         The coupled structure.
+    start : CoupledState
+        Before the first step, from `Joined.start`, which reads a specimen once.
     base : ndarray, shape (steps · ss + 1,)
         Acceleration of the base at every fine step [m/s²].
 
@@ -133,7 +135,7 @@ def steps_over(joined: Joined, base: np.ndarray) -> Iterator[CoarseStep]:
     CoarseStep
         One after the other.
     """
-    state, count = joined.start(base[0]), joined.substeps
+    state, count = start, joined.substeps
     for first in range(0, len(base) - 1, count):
         step = joined.step(state, base[first : first + count + 1])
         yield step
@@ -208,11 +210,10 @@ def histories_of(joined: Joined, start: CoupledState, steps: Iterable[CoarseStep
         physical,
     )
     fine_time = np.arange(1, len(taken) * joined.substeps + 1) * joined.fine.step
-    parts = [
-        PartState(*fields) for step in taken for fields in zip(*step.fine.part[:6], [()] * joined.substeps, strict=True)
-    ]
-    tractions = np.concatenate([step.fine.traction for step in taken]) if taken else np.zeros((0, 1))
-    return PartitionedHistories(coarse, FineHistory(PartHistory.of(fine_time, parts), tractions))
+    nothing = np.zeros((0, joined.fine.part.dofs))
+    columns = [np.concatenate([nothing, *(np.asarray(step.fine.part[k]) for step in taken)]) for k in range(6)]
+    tractions = np.concatenate([np.zeros((0, len(joined.fine.rows))), *(step.fine.traction for step in taken)])
+    return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
 
 
 def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
@@ -230,4 +231,5 @@ def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
     PartitionedHistories
         On both clocks.
     """
-    return histories_of(joined, joined.start(base[0]), steps_over(joined, base))
+    start = joined.start(base[0])
+    return histories_of(joined, start, steps_over(joined, start, base))

@@ -86,6 +86,11 @@ class JoinedAtCoarseSteps(Joined):
 
     virtual: bool = False
 
+    @property
+    def guesses_for_specimen(self) -> bool:
+        """Whether the specimen moves under interface forces that were guessed; see `Joined.guesses_for_specimen`."""
+        return self.virtual and self.fine_is_physical
+
     @cached_property
     def response(self) -> Link:
         """Y: response of B to interface forces that grow from 0 to one each over its ss steps, with K₀."""
@@ -130,10 +135,24 @@ class JoinedAtCoarseSteps(Joined):
 
     def _guessed(self, before: tuple[PartState, PartState], traction: Any, bases: Any) -> Any:
         """Λ* of a virtual step from Λ* = Λ_n, in which both parts answer linearly and nothing moves."""
-        coarse, fine = before
-        coarse = self.coarse.free(coarse, bases[:: self.substeps], (traction, traction), self.coarse.virtually(coarse))
-        fine, _ = self._freely(fine, bases, (traction, traction), self.fine.virtually(fine))
-        return traction - self.inverse @ self.missed_velocity(coarse, fine)
+        xp = namespace(traction)
+        coarse, fine, shaking, pulling = self.foreseen
+        shaken = shaking @ bases
+        missed = coarse @ xp.concatenate(before[0][:4]) + fine @ xp.concatenate(before[1][:4]) + pulling @ traction
+        return traction - self.inverse @ (missed + (shaken if missed.ndim == 1 else shaken[:, None]))
+
+    @cached_property
+    def foreseen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Σ L v at the end of a virtual step, which is linear: of (u, v, a, r) of A and of B, of the base, and of Λ_n."""
+        sizes = [self.coarse.part.dofs] * 4 + [self.fine.part.dofs] * 4 + [self.substeps + 1, len(self.coarse.rows)]
+        units = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+        coarse, fine = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
+        bases, pair = units[8], (units[9], units[9])
+        moved = self.coarse.free(coarse, bases[:: self.substeps], pair, self.coarse.virtually(coarse))
+        missed = self.missed_velocity(moved, self._freely(fine, bases, pair, self.fine.virtually(fine))[0])
+        ends = np.cumsum([sum(sizes[:4]), sum(sizes[4:8]), sizes[8]])
+        whole = np.split(missed, ends, axis=1)
+        return whole[0], whole[1], whole[2], whole[3]
 
     def _freely(
         self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None

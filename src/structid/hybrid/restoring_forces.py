@@ -22,6 +22,11 @@ class RestoringForce(ABC):
     displacement is imposed once, and read once.
     """
 
+    @property
+    def largest_move(self) -> float:
+        """Longest move that is taken in one piece where a path is followed [m]."""
+        return np.inf
+
     @abstractmethod
     def at_rest(self, displacement: Any) -> Any:
         """What is remembered before the first move.
@@ -141,6 +146,13 @@ class HystereticSprings(RestoringForce):
                     f"{len(rows)} positive numbers, one a spring",
                 )
             object.__setattr__(self, name, values)
+
+    @property
+    def largest_move(self) -> float:
+        """A part of z_u, the largest z: a Runge-Kutta step over it leaves 1e-9 of the force; see `RestoringForce.largest_move`."""
+        shapes = float(np.max(np.abs(self.law.beta) + np.abs(self.law.gamma)))
+        ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
+        return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
 
     def at_rest(self, displacement: Any) -> Any:
         """Springs that were never moved; see `RestoringForce.at_rest`.

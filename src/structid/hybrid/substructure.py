@@ -132,6 +132,16 @@ class Substructure:
         """
         return replace(self, restoring_force=LinearForce(share * self.stiffness))
 
+    def undamped(self) -> Substructure:
+        """Leave out the damping.
+
+        Returns
+        -------
+        Substructure
+            The same part with C = 0.
+        """
+        return replace(self, damping=0.0 * self.damping)
+
     @cached_property
     def largest_frequency(self) -> float:
         """Of its modes, free at the interface [rad/s]."""

@@ -1,0 +1,249 @@
+"""Whether a hybrid test can work, before anything moves: its figures, what cannot work, what one should know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy
+
+from structid.hybrid.compensation import Compensation
+from structid.hybrid.coupling import Joined
+from structid.hybrid.motion import Motion
+from structid.hybrid.specimen import SpecimenDescription
+from structid.hybrid.stability import free_oscillations
+from structid.hybrid.whole_structure import WholeStructure
+
+LARGEST_FINE_STEP = 0.5
+"""ω_P Δt of a fine specimen that is coupled by a virtual step; beyond it its spurious damping is no longer small."""
+SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
+"""Shares of K₀ at which the damping of a softened specimen is looked at."""
+
+
+@dataclass(frozen=True)
+class Feasibility:
+    """What is known of a test before it starts.
+
+    Parameters
+    ----------
+    critical_delay : float
+        λ τ_c [s] of wall time; infinite where every delay is borne.
+    delay : float
+        Of the transfer system, as the specimen tells it [s].
+    damping : tuple of float
+        Damping ratio of every mode of the structure with that delay and the compensation.
+    spurious_damping : float
+        Least damping ratio, most often negative, that the coupling adds to a mode of a softened specimen.
+    stroke, velocity, force : tuple of float
+        Largest displacement [m], velocity [m/s] and force [N] of every channel in a virtual run.
+    wall_time : float
+        How long it will take [s].
+    steps : int
+        Coarse steps.
+    refusals, warnings : tuple of str
+        Why it cannot work; what one should know.
+    """
+
+    critical_delay: float
+    delay: float
+    damping: tuple[float, ...]
+    spurious_damping: float
+    stroke: tuple[float, ...]
+    velocity: tuple[float, ...]
+    force: tuple[float, ...]
+    wall_time: float
+    steps: int
+    refusals: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def can_work(self) -> bool:
+        """Whether nothing speaks against it."""
+        return not self.refusals
+
+    def __str__(self) -> str:
+        lines = [
+            "This test can work." if self.can_work else "This test cannot work.",
+            *(f"  - {refusal}" for refusal in self.refusals),
+            *(f"  note: {warning}" for warning in self.warnings),
+            f"critical delay      {1e3 * self.critical_delay:.1f} ms of wall time",
+            f"delay               {1e3 * self.delay:.1f} ms of the transfer system",
+            f"damping with it     {', '.join(f'{100.0 * z:.2f}' for z in self.damping)} %",
+            f"spurious damping    {100.0 * self.spurious_damping:.2g} % at the worst softening",
+            f"expected stroke     {', '.join(f'{1e3 * x:.2f}' for x in self.stroke)} mm",
+            f"expected velocity   {', '.join(f'{1e3 * x:.2f}' for x in self.velocity)} mm/s of wall time",
+            f"expected force      {', '.join(f'{1e-3 * x:.1f}' for x in self.force)} kN",
+            f"duration            {self.steps} steps, {self.wall_time:.0f} s of wall time",
+        ]
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What a test is going to do, as far as it must be judged.
+
+    Parameters
+    ----------
+    joined : Joined
+        Both parts, the physical one with what it is expected to answer.
+    description : SpecimenDescription
+        What the specimen says of itself.
+    geometry : ndarray, shape (channel, dof)
+        B.
+    motion : Motion
+        Of the specimen.
+    compensation : Compensation or None
+        Of the transfer system.
+    time_scale : float
+        λ.
+    """
+
+    joined: Joined
+    description: SpecimenDescription
+    geometry: np.ndarray
+    motion: Motion
+    compensation: Compensation | None
+    time_scale: float
+
+
+def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> np.ndarray:
+    """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ).
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    whole : WholeStructure
+        Its modes.
+    delay : float
+        τ [s] of wall time.
+
+    Returns
+    -------
+    ndarray, shape (mode,)
+        ζ; that of the structure where the specimen holds before it is read.
+    """
+    if not plan.motion.continuous:
+        return whole.damping_ratios
+    omegas = whole.frequencies / plan.time_scale
+    gains = [1.0 if plan.compensation is None else plan.compensation.gain(omega, delay) for omega in omegas]
+    return np.asarray(
+        whole.damping_ratios + 0.5 * whole.shares * np.imag(np.array(gains) * np.exp(-1j * omegas * delay))
+    )
+
+
+def spurious_damping(plan: Plan) -> float:
+    """Least damping that the coupling adds to a mode of a specimen that has softened, without any of its own.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+
+    Returns
+    -------
+    float
+        ζ; 0 to rounding where it adds none.
+    """
+    numerical, physical = (side.part for side in (plan.joined.numerical, plan.joined.physical))
+    found = [
+        free_oscillations(plan.joined.of_parts(numerical.undamped().softened(1.0), physical.undamped().softened(share)))
+        for share in SOFTENED
+    ]
+    return min(float(f.damping_ratios.min(initial=0.0)) for f in found)
+
+
+def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int) -> Feasibility:
+    """Judge a test by a virtual run.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    targets, forces : ndarray, shape (move, channel)
+        Where the specimen was moved to in the virtual run [m], and its forces [N].
+    steps : int
+        Coarse steps.
+
+    Returns
+    -------
+    Feasibility
+        With everything that speaks against it.
+    """
+    whole = WholeStructure.of(plan.joined)
+    channels = plan.description.channels
+    delay = max(channel.delay for channel in channels)
+    moves = np.abs(np.diff(targets, axis=0, prepend=0.0 * targets[:1]))
+    velocity = moves.max(axis=0) * plan.motion.peak_rate / plan.description.controller_step
+    damping = damping_with_delay(plan, whole, delay)
+    found = Feasibility(
+        plan.time_scale * whole.critical_delay.delay,
+        delay,
+        tuple(map(float, damping)),
+        spurious_damping(plan),
+        tuple(map(float, np.abs(targets).max(axis=0))),
+        tuple(map(float, velocity)),
+        tuple(map(float, np.abs(forces).max(axis=0))),
+        steps * plan.joined.dt * plan.time_scale,
+        steps,
+    )
+    return replace(found, refusals=tuple(_refusals(plan, whole, found)), warnings=tuple(_warnings(plan, found)))
+
+
+def _refusals(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
+    """Everything that cannot work, a sentence each."""
+    said = []
+    if plan.motion.continuous and min(found.damping) <= 0.0:
+        mode = int(np.argmin(found.damping))
+        said.append(
+            f"With a delay of {1e3 * found.delay:.1f} ms mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a "
+            f"damping of {100.0 * found.damping[mode]:.2f} % and would grow. Without compensation up to "
+            f"{1e3 * found.critical_delay:.1f} ms can be borne. Choose a larger time scale, or compensate the delay."
+        )
+    waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
+    if not plan.motion.continuous and waits < found.delay:
+        said.append(
+            f"The specimen is read {1e3 * waits:.0f} ms after its ramp has ended, and follows {1e3 * found.delay:.1f} ms late. "
+            "Choose a larger time scale."
+        )
+    physical = plan.joined.physical.part
+    step = physical.largest_frequency * plan.joined.dt
+    if plan.joined.guesses_for_specimen and step > LARGEST_FINE_STEP:
+        said.append(
+            f"ω Δt of the fine specimen is {step:.2f}, at most {LARGEST_FINE_STEP:g} is allowed: its spurious damping grows with "
+            f"the cube. Take Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, or the numerical part as the "
+            "fine one, or GravouilCombescure."
+        )
+    for k, channel in enumerate(plan.description.channels):
+        for what, unit, limit, value in (
+            ("displacement", channel.unit, channel.stroke, found.stroke[k]),
+            ("velocity", f"{channel.unit}/s", channel.velocity, found.velocity[k]),
+            ("force", "N" if channel.unit == "m" else "N m", channel.force, found.force[k]),
+        ):
+            if limit is not None and value > limit:
+                cure = " Choose a larger time scale." if what == "velocity" else " Choose a weaker record."
+                said.append(
+                    f"{channel.name}: a {what} of {value:.4g} {unit} is expected, and the limit is {limit:.4g}.{cure}"
+                )
+    return said
+
+
+def _warnings(plan: Plan, found: Feasibility) -> list[str]:
+    """What one should know, a sentence each."""
+    said = []
+    if found.spurious_damping < -1e-6:
+        said.append(
+            f"A specimen that softens gets a spurious damping of down to {100.0 * found.spurious_damping:.2g} % from this coupling."
+        )
+    if plan.description.stiffness is not None:
+        told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
+        largest = float(scipy.linalg.eigh(told, plan.joined.physical.part.stiffness, eigvals_only=True).max())
+        if largest > 1.0 + 1e-6:
+            said.append(
+                f"The specimen tells a stiffness that is {largest:.3g} times the K₀ of its part. K₀ must be the largest tangent, "
+                "or steps may be unstable."
+            )
+    if plan.compensation is None and plan.motion.continuous and found.delay > 0.5 * found.critical_delay:
+        share = found.delay / found.critical_delay
+        said.append(f"The delay is {100.0 * share:.0f} % of the critical one, and nothing compensates it.")
+    return said

@@ -1,0 +1,209 @@
+"""What happened in a hybrid test: histories on both clocks, the specimen's moves, events, how well it followed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.hybrid.feasibility import Feasibility
+from structid.hybrid.partitioned_run import CoarseHistory, PartitionedHistories
+from structid.hybrid.specimen import SpecimenDescription
+from structid.hybrid.specimen_force import Move
+from structid.hybrid.tracking import (
+    FrequencyEvaluationIndex,
+    energy_error,
+    frequency_evaluation_index,
+    root_mean_square_error,
+    tracking_indicator,
+)
+
+LEAST_SECANT = 0.1
+"""Of the peak: in shorter moves noise would be seen as stiffness."""
+STIFFER = 1.05
+"""Secant over K₀ from which a warning is due."""
+
+
+class Event(NamedTuple):
+    """Something that happened to a test.
+
+    Parameters
+    ----------
+    time : float
+        Simulated time [s].
+    what : str
+        In words.
+    """
+
+    time: float
+    what: str
+
+
+@dataclass(frozen=True, eq=False)
+class MoveHistory:
+    """Every motion of the specimen, in order; arrays (move, channel), the first of them before the test at rest.
+
+    Parameters
+    ----------
+    time : ndarray, shape (move,)
+        Simulated time at its end [s].
+    target, command, measured : ndarray
+        Where it should be, what was sent, where it was [m].
+    force : ndarray
+        That it exerts [N].
+    """
+
+    time: np.ndarray
+    target: np.ndarray
+    command: np.ndarray
+    measured: np.ndarray
+    force: np.ndarray
+
+    @classmethod
+    def of(cls, moves: list[Move], step: float, channels: int) -> MoveHistory:
+        """Gather moves.
+
+        Parameters
+        ----------
+        moves : list of Move
+            In order.
+        step : float
+            Simulated time that each takes [s].
+        channels : int
+            Of the specimen.
+
+        Returns
+        -------
+        MoveHistory
+            Of all.
+        """
+        columns = [np.reshape([m[k] for m in moves], (len(moves), channels)) for k in range(4)]
+        return cls(np.arange(len(moves)) * step, *columns)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+@dataclass(frozen=True, eq=False)
+class Tracking:
+    """How well one channel followed.
+
+    Parameters
+    ----------
+    error : float
+        RMS (u_m − u_c)/RMS u_c.
+    index : FrequencyEvaluationIndex or None
+        Amplitude and delay; None where nothing was to move.
+    indicator : ndarray, shape (move,)
+        Area in the synchronisation subspace [m²], growing while it lags.
+    energy : ndarray, shape (move,)
+        Energy error [J], above 0 where it feeds the structure.
+    """
+
+    error: float
+    index: FrequencyEvaluationIndex | None
+    indicator: np.ndarray = field(repr=False)
+    energy: np.ndarray = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class HybridResult:
+    """A hybrid test that has ended.
+
+    Parameters
+    ----------
+    histories : PartitionedHistories or None
+        Of both parts, as far as finished steps go; None where it ended before it began.
+    moves : MoveHistory
+        Of the specimen.
+    events : tuple of Event
+        What ended it, and what else happened.
+    feasibility : Feasibility
+        What was known beforehand.
+    description : SpecimenDescription
+        Of the specimen.
+    planned_steps : int
+        Coarse steps that it should have had.
+    stiffness_ratio : float
+        Largest secant that was seen, over K₀; NaN where nothing moved.
+    """
+
+    histories: PartitionedHistories | None
+    moves: MoveHistory
+    events: tuple[Event, ...]
+    feasibility: Feasibility
+    description: SpecimenDescription
+    planned_steps: int
+    stiffness_ratio: float
+
+    @property
+    def steps(self) -> int:
+        """Coarse steps that were finished."""
+        return 0 if self.histories is None else len(self.histories.coarse.time) - 1
+
+    @property
+    def finished(self) -> bool:
+        """Whether it came to the end of the record."""
+        return self.steps == self.planned_steps
+
+    @property
+    def coarse(self) -> CoarseHistory:
+        """Histories at coarse steps."""
+        if self.histories is None:
+            raise InputError("HybridResult", "a test without a finished step", "a test that has begun")
+        return self.histories.coarse
+
+    @cached_property
+    def tracking(self) -> dict[str, Tracking]:
+        """How well each channel followed, by its name."""
+        found = {}
+        for k, channel in enumerate(self.description.channels):
+            target, measured = self.moves.target[:, k], self.moves.measured[:, k]
+            step = float(self.moves.time[1]) if len(self.moves) > 1 else 1.0
+            index = frequency_evaluation_index(target, measured, step) if np.any(target) else None
+            found[channel.name] = Tracking(
+                root_mean_square_error(target, measured) if len(target) else np.nan,
+                index,
+                tracking_indicator(target, measured),
+                energy_error(self.moves.force[:, k], target, measured),
+            )
+        return found
+
+    def __str__(self) -> str:
+        time = 0.0 if self.histories is None else self.histories.coarse.time[-1]
+        ended = "finished" if self.finished else (self.events[-1].what if self.events else "ended")
+        return f"HybridResult: {self.steps} of {self.planned_steps} steps, {time:g} s of simulated time, {ended}"
+
+
+def largest_secant(moves: MoveHistory, stiffness: np.ndarray) -> float:
+    """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
+
+    Secants go from one place to the next that is a tenth of the peak away. One that does not go on as the one before has passed
+    a turn, where a hysteretic force differs at one and the same place; it is left out.
+
+    Parameters
+    ----------
+    moves : MoveHistory
+        Of the specimen.
+    stiffness : ndarray, shape (channel, channel)
+        K₀ in its channels [N/m].
+
+    Returns
+    -------
+    float
+        NaN where nothing moved.
+    """
+    peak = float(np.abs(moves.measured).max(initial=0.0))
+    found, last, before = np.nan, 0, None
+    for k in range(1, len(moves) if peak > 0.0 else 0):
+        change = moves.measured[k] - moves.measured[last]
+        if np.abs(change).max() < LEAST_SECANT * peak:
+            continue
+        if before is not None and before @ change > 0.0:
+            ratio = float(change @ (moves.force[k] - moves.force[last]) / (change @ stiffness @ change))
+            found = float(np.fmax(found, ratio))
+        last, before = k, change
+    return found

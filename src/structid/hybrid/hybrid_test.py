@@ -1,0 +1,246 @@
+"""A hybrid test: two parts, a specimen, a record; what it can do is said before, and what happened afterwards."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from structid.errors import InputError, StructidWarning, names_checked
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.compensation import Compensation
+from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined
+from structid.hybrid.feasibility import Feasibility, Plan, judged
+from structid.hybrid.hybrid_result import STIFFER, Event, HybridResult, MoveHistory, largest_secant
+from structid.hybrid.motion import Motion, continuous_motion, ramp_and_hold
+from structid.hybrid.partitioned_run import base_of, histories_of, steps_over
+from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
+from structid.hybrid.specimen_force import Move, SpecimenForce
+from structid.hybrid.substructure import Substructure
+
+INTERFACE_SHARE = 0.5
+"""Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
+
+
+@names_checked
+@dataclass(frozen=True, eq=False)
+class HybridTest:
+    """A pseudo-dynamic hybrid test with substructures.
+
+    Parameters
+    ----------
+    numerical : Substructure
+        The part in the computer.
+    specimen : Specimen
+        The part in the laboratory, or a program in its place.
+    record : GroundMotion
+        What shakes both.
+    dt : float
+        Coarse step Δt [s] of simulated time.
+    time_scale : float
+        λ, wall time over simulated time.
+    coupling : Coupling, optional
+        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold; a fine one continuously, a fine
+        step in λ Δt/ss, which must be a whole number of its controller steps.
+    compensation : Compensation, optional
+        Of the delay of the transfer system.
+    physical : Substructure, optional
+        Mass, damping, K₀ and influence of the specimen's part, and in ``restoring_force`` what it is expected to answer, for the
+        check beforehand. When left out: the specimen's channels are the interface, its stiffness is what it tells, and half of the
+        numerical part's mass there belongs to it.
+    geometry : array-like, shape (channel, dof), optional
+        B of the channels' displacements B u; one channel for each degree of freedom of the physical part when left out.
+    duration : float, optional
+        How much of the record [s]; all when left out.
+    force_correction : bool
+        Whether r + K₀ (ũ − u_m) is taken for the force. It is exact for a linear specimen, and adds damping (K₀ − K_t) τ/λ to one
+        that has softened.
+
+    Examples
+    --------
+    >>> from structid.hybrid.benchmark import LAW, two_floor_frame
+    >>> from structid.hybrid.frame_parts import cut_frame
+    >>> from structid.hybrid.simulated_specimen import SimulatedSpecimen
+    >>> upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
+    >>> record = GroundMotion.synthetic(seed=1).trim(2.0, 3.0).scale_to_pga(2.0)
+    >>> test = HybridTest(upper, SimulatedSpecimen(lower.force), record, dt=0.01, time_scale=100.0, physical=lower)
+    >>> test.check().can_work
+    True
+    >>> print(test.run())
+    HybridResult: 100 of 100 steps, 1 s of simulated time, finished
+    """
+
+    numerical: Substructure
+    specimen: Specimen
+    record: GroundMotion
+    dt: float
+    time_scale: float
+    coupling: Coupling = field(default_factory=PrakashHjelmstad)
+    compensation: Compensation | None = None
+    physical: Substructure | None = None
+    geometry: np.ndarray | None = None
+    duration: float | None = None
+    force_correction: bool = False
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.time_scale) and self.time_scale > 0.0):
+            raise InputError("HybridTest.time_scale", f"{self.time_scale!r}", "a positive number")
+        if self.compensation is not None and self.compensation.learns and not self._motion.samples == 1:
+            raise InputError(
+                "HybridTest.compensation",
+                f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps a move",
+                "a fine specimen with one controller step a fine step: it learns from every one",
+                f"Take substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine=\"physical\".",
+            )  # fmt: skip
+
+    # --- what it is made of -------------------------------------------------------------------------------------
+
+    @cached_property
+    def _description(self) -> SpecimenDescription:
+        return self.specimen.describe()
+
+    @cached_property
+    def _parts(self) -> tuple[Substructure, Substructure]:
+        """Numerical and physical part."""
+        if self.physical is not None:
+            return self.numerical, self.physical
+        told, rows = self._description.stiffness, np.asarray(self.numerical.interface)
+        if told is None or len(told) != len(rows):
+            raise InputError(
+                "HybridTest.physical", "nothing", "a Substructure with mass, damping and K₀ of the specimen's part",
+                "It may be left out for a specimen that tells its stiffness and has one channel for each row of the interface.",
+            )  # fmt: skip
+        shared = INTERFACE_SHARE * rows @ self.numerical.mass @ rows.T
+        rest = replace(self.numerical, mass=self.numerical.mass - rows.T @ shared @ rows)
+        return rest, Substructure(
+            shared, 0.0 * shared, np.array(told), list(range(len(told))), name=self._description.name
+        )
+
+    @cached_property
+    def _geometry(self) -> np.ndarray:
+        """B, shape (channel, dof)."""
+        channels, dofs = len(self._description.channels), self._parts[1].dofs
+        if self.geometry is None and channels == dofs:
+            return np.eye(dofs)
+        given = None if self.geometry is None else np.asarray(self.geometry, dtype=np.float64)
+        if given is None or given.shape != (channels, dofs):
+            came = "nothing" if given is None else f"an array of shape {given.shape}"
+            raise InputError("HybridTest.geometry", came, f"({channels} channels, {dofs} degrees of freedom)")
+        return given
+
+    @cached_property
+    def _motion(self) -> Motion:
+        wall, step = self.time_scale * self.dt, self._description.controller_step
+        if self.coupling.fine == "physical":
+            return continuous_motion(wall / self.coupling.substeps, step)
+        return ramp_and_hold(wall, step)
+
+    def _joined(self, force: SpecimenForce) -> Joined:
+        numerical, physical = self._parts
+        return self.coupling.joined(numerical, replace(physical, restoring_force=force), self.dt)
+
+    def _force(self, specimen: Specimen, moves: list[Move]) -> SpecimenForce:
+        step = self._description.controller_step
+        begun = (
+            None if self.compensation is None else self.compensation.begin(len(self._geometry), step, self.time_scale)
+        )
+        correction = self._parts[1].stiffness if self.force_correction else None
+        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moves.append)
+
+    # --- before and during --------------------------------------------------------------------------------------
+
+    def check(self) -> Feasibility:
+        """Say whether the test can work, from its parts and from a virtual run; nothing moves.
+
+        Returns
+        -------
+        Feasibility
+            Its figures, what cannot work, and what one should know.
+
+        Raises
+        ------
+        InputError
+            If parts, record, geometry or steps do not fit together.
+        """
+        numerical, physical = self._parts
+        joined = self._joined(self._force(self.specimen, [])).of_parts(numerical, physical)
+        geometry, base = self._geometry, base_of(self.record, joined, self.duration)
+        taken = list(steps_over(joined, joined.start(base[0]), base))
+        moved = _imposed(joined, taken)
+        targets = moved[0] @ geometry.T
+        forces = moved[1] @ np.linalg.pinv(geometry)
+        plan = Plan(joined, self._description, geometry, self._motion, self.compensation, self.time_scale)
+        return judged(plan, targets, forces, len(taken))
+
+    def run(self) -> HybridResult:
+        """Run the test.
+
+        Whatever ends it early, a refused move or a silent specimen, the specimen holds its position, and every finished step is in
+        the result.
+
+        Returns
+        -------
+        HybridResult
+            What happened.
+
+        Raises
+        ------
+        InputError
+            If the check says that it cannot work; nothing has moved then.
+        """
+        checked = self.check()
+        if not checked.can_work:
+            raise InputError(
+                "HybridTest", " ".join(checked.refusals), "a test that can work", "See HybridTest.check()."
+            )
+        return self._run_unchecked(checked)
+
+    def _run_unchecked(self, checked: Feasibility | None = None) -> HybridResult:
+        """Run also what cannot work; virtual specimens bear it."""
+        checked = self.check() if checked is None else checked
+        moves: list[Move] = []
+        joined = self._joined(self._force(self.specimen, moves))
+        base = base_of(self.record, joined, self.duration)
+        taken: list[CoarseStep] = []
+        events: list[Event] = []
+        start: CoupledState | None = None
+        try:
+            start = joined.start(base[0])
+            for step in steps_over(joined, start, base):
+                taken.append(step)
+        except SpecimenError as error:
+            events.append(Event(len(taken) * self.dt, str(error)))
+            self.specimen.hold(str(error))
+        return self._result(joined, start, taken, moves, events, checked)
+
+    def _result(
+        self,
+        joined: Joined,
+        start: CoupledState | None,
+        taken: list[CoarseStep],
+        moves: list[Move],
+        events: list[Event],
+        checked: Feasibility,
+    ) -> HybridResult:
+        step = joined.fine.step if joined.fine_is_physical else self.dt
+        history = MoveHistory.of(moves, step, len(self._geometry))
+        back = np.linalg.pinv(self._geometry)
+        stiffer = largest_secant(history, back.T @ self._parts[1].stiffness @ back)
+        if stiffer > STIFFER:
+            said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
+            warnings.warn(said, StructidWarning, stacklevel=3)
+            events.append(Event(len(taken) * self.dt, said))
+        histories = None if start is None else histories_of(joined, start, taken)
+        return HybridResult(histories, history, tuple(events), checked, self._description, checked.steps, stiffer)
+
+
+def _imposed(joined: Joined, taken: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the physical part was moved to, and what it answered, shape (move, dof)."""
+    if joined.fine_is_physical:
+        parts = [step.fine.part for step in taken]
+        return np.concatenate([p.imposed for p in parts]), np.concatenate([p.reading for p in parts])
+    states = [step.state.physical for step in taken]
+    return np.stack([s.imposed for s in states]), np.stack([s.reading for s in states])
