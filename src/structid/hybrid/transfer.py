@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
+from scipy.signal import lfilter
 
 from structid.errors import InputError, names_checked
 from structid.streams import Purpose, stream
@@ -192,7 +192,7 @@ class _Piston:
         pulled = second * (1.0 - first) * old + (1.0 - second) * new
         if np.isinf(self.farthest):
             kept = first * second
-            places, _ = scipy.signal.lfilter([1.0], [1.0, -kept], pulled, zi=[kept * self.place])
+            places, _ = lfilter([1.0], [1.0, -kept], pulled, zi=[kept * self.place])
         else:
             places = np.empty(len(commands))
             place = self.place
