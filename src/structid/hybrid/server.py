@@ -33,6 +33,8 @@ WATCHDOG = 1.0
 """Silence [s] after which a session is over."""
 GREETING = 1.0
 """How long a client may take to say HELLO [s]."""
+CHANGE_OVER = 0.2
+"""How long a client waits for a session that is just ending [s]."""
 LOOPBACK = "127.0.0.1"
 
 Log = Callable[[str], None]
@@ -193,7 +195,7 @@ class SpecimenServer:
         if frame.kind is not Kind.HELLO or frame.sequence != 0:
             raise WireError("A session begins with HELLO.")
         hello = read_json(Hello, frame.payload)
-        if not self._busy.acquire(blocking=False):
+        if not self._busy.acquire(timeout=CHANGE_OVER):
             send(connection, Frame(Kind.REFUSED, 0, b"Another test has this specimen."), key, GREETING)
             return None
         try:
