@@ -150,10 +150,41 @@ def hello(nonce: bytes, key: bytes, sequence: int = 0) -> bytes:
 
 
 _Open = Callable[[], _Peer]
+_Check = tuple[str, Callable[[], None]]
+_Message = Callable[[_Peer], bytes]
 
 
-def _greeting(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Checks of what comes before a session."""
+def _headed(key: bytes, *fields: object) -> bytes:
+    """A frame of any head, with a valid tag and no payload."""
+    head = HEADER.pack(*fields)
+    return head + hmac.digest(key, head, "sha256")
+
+
+def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
+    """Demand that a server ends a connection which begins like this."""
+
+    def check() -> None:
+        with new() as peer:
+            peer.say(message(peer))
+            peer.expect_end()
+
+    return check
+
+
+def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
+    """Demand that a server ends a session in which this comes second."""
+
+    def check() -> None:
+        with new() as peer:
+            peer.greet().ask(Kind.PING)
+            peer.say(message(peer))
+            peer.expect_end()
+
+    return check
+
+
+def _greeting(new: _Open) -> Iterator[_Check]:
+    """Checks of how a session begins."""
 
     def welcomed() -> None:
         new().greet()
@@ -179,37 +210,32 @@ def _greeting(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
     yield "repeats the client's nonce in its WELCOME", nonce_repeated
     yield "makes a new nonce for every session", nonces_differ
 
-    def dropped(message: Callable[[_Peer], bytes]) -> Callable[[], None]:
-        def check() -> None:
-            with new() as peer:
-                peer.say(message(peer))
-                peer.expect_end()
 
-        return check
-
-    def headed(key: bytes, *fields: object) -> bytes:
-        head = HEADER.pack(*fields)
-        return head + hmac.digest(key, head, "sha256")
-
+def _false_greetings() -> Iterator[tuple[str, _Message]]:
+    """What may not begin a session."""
     nonce = bytes(NONCE)
-    yield "drops a HELLO with another secret", dropped(lambda p: hello(nonce, b"another"))
-    yield "drops another version of the protocol", dropped(lambda p: headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0))
-    yield "drops another protocol", dropped(lambda p: b"GET / HTTP/1.1\r\nHost: specimen\r\n\r\n")
-    yield "drops a HELLO with a number that is not 0", dropped(lambda p: hello(nonce, p.key, 1))
-    yield "drops a HELLO that is no JSON", dropped(lambda p: packed(Frame(Kind.HELLO, 0, b"\xff\xfe"), p.key))
-    yield "drops a request before a HELLO", dropped(lambda p: packed(Frame(Kind.PING, 1), p.key))
-    yield "drops an unknown kind", dropped(lambda p: headed(p.key, MAGIC, VERSION, 77, 0, 0, 0))
-    yield "drops a header whose last field is not 0", dropped(lambda p: headed(p.key, MAGIC, VERSION, 1, 0, 0, 1))
+    yield "drops a HELLO with another secret", lambda p: hello(nonce, b"another")
+    yield "drops another version of the protocol", lambda p: _headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0)
+    yield "drops another protocol", lambda p: b"GET / HTTP/1.1\r\nHost: specimen\r\n\r\n"
+    yield "drops a HELLO with a number that is not 0", lambda p: hello(nonce, p.key, 1)
+    yield "drops a HELLO that is no JSON", lambda p: packed(Frame(Kind.HELLO, 0, b"\xff\xfe"), p.key)
+    yield "drops a request before a HELLO", lambda p: packed(Frame(Kind.PING, 1), p.key)
+    yield "drops an unknown kind", lambda p: _headed(p.key, MAGIC, VERSION, 77, 0, 0, 0)
+    yield "drops a header whose last field is not 0", lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, 0, 1)
     yield (
         "drops a frame that is too long before it comes",
-        dropped(lambda p: headed(p.key, MAGIC, VERSION, 1, 0, LARGEST_PAYLOAD + 1, 0)),
+        lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, LARGEST_PAYLOAD + 1, 0),
     )
-    yield "drops a connection that says nothing", dropped(lambda p: b"")
+    yield "drops a connection that says nothing", lambda p: b""
+
+
+def _second_client(new: _Open) -> Iterator[_Check]:
+    """A specimen has one master."""
 
     def one_at_a_time() -> None:
         with new() as first, new() as second:
             first.greet()
-            second.say(hello(nonce, second.key))
+            second.say(hello(bytes(NONCE), second.key))
             answer = second.hear()
             if answer.kind is not Kind.REFUSED:
                 raise _Failed(f"it answered {answer.kind.name}")
@@ -220,25 +246,8 @@ def _greeting(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
     yield "refuses a second client and keeps the first", one_at_a_time
 
 
-def _session(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
-    """Checks of a session in which nothing moves."""
-
-    def ponged() -> None:
-        with new() as peer:
-            peer.greet()
-            for _ in range(3):
-                if (answer := peer.ask(Kind.PING)).kind is not Kind.PONG:
-                    raise _Failed(f"it answered {answer.kind.name}")
-            peer.ask(Kind.CLOSE)
-
-    def dropped(message: Callable[[_Peer], bytes]) -> Callable[[], None]:
-        def check() -> None:
-            with new() as peer:
-                peer.greet().ask(Kind.PING)
-                peer.say(message(peer))
-                peer.expect_end()
-
-        return check
+def _false_requests() -> Iterator[tuple[str, _Message]]:
+    """What a session may not say second."""
 
     def not_finite(peer: _Peer) -> bytes:
         assert peer.welcome is not None
@@ -250,16 +259,27 @@ def _session(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
         message[-1] ^= 1
         return bytes(message)
 
-    yield "answers PING by PONG with the same number", ponged
-    yield "drops a forged request", dropped(lambda p: packed(Frame(Kind.PING, 2), b"another key"))
-    yield "drops a request with one bit changed", dropped(one_bit)
-    yield "drops a replayed request", dropped(lambda p: packed(Frame(Kind.PING, 1), p.key))
-    yield "drops a request out of order", dropped(lambda p: packed(Frame(Kind.PING, 3), p.key))
-    yield "drops an answer in the place of a request", dropped(lambda p: packed(Frame(Kind.READING, 2), p.key))
-    yield "drops a second HELLO", dropped(lambda p: packed(Frame(Kind.HELLO, 2), p.key))
-    yield "drops a move whose sizes disagree", dropped(lambda p: packed(Frame(Kind.MOVE, 2, bytes(13)), p.key))
-    yield "drops a move without a place to go", dropped(lambda p: packed(Frame(Kind.MOVE, 2, bytes(12)), p.key))
-    yield "drops a move that is not finite", dropped(not_finite)
+    yield "drops a forged request", lambda p: packed(Frame(Kind.PING, 2), b"another key")
+    yield "drops a request with one bit changed", one_bit
+    yield "drops a replayed request", lambda p: packed(Frame(Kind.PING, 1), p.key)
+    yield "drops a request out of order", lambda p: packed(Frame(Kind.PING, 3), p.key)
+    yield "drops an answer in the place of a request", lambda p: packed(Frame(Kind.READING, 2), p.key)
+    yield "drops a second HELLO", lambda p: packed(Frame(Kind.HELLO, 2), p.key)
+    yield "drops a move whose sizes disagree", lambda p: packed(Frame(Kind.MOVE, 2, bytes(13)), p.key)
+    yield "drops a move without a place to go", lambda p: packed(Frame(Kind.MOVE, 2, bytes(12)), p.key)
+    yield "drops a move that is not finite", not_finite
+
+
+def _session(new: _Open) -> Iterator[_Check]:
+    """Checks of a session in which nothing moves."""
+
+    def ponged() -> None:
+        with new() as peer:
+            peer.greet()
+            for _ in range(3):
+                if (answer := peer.ask(Kind.PING)).kind is not Kind.PONG:
+                    raise _Failed(f"it answered {answer.kind.name}")
+            peer.ask(Kind.CLOSE)
 
     def replayed() -> None:
         own = secrets.token_bytes(NONCE)
@@ -292,6 +312,7 @@ def _session(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
             if time.monotonic() - began < 0.5 * watchdog:
                 raise _Failed(f"it ended after {time.monotonic() - began:.2f} s, and its watchdog is {watchdog:g} s")
 
+    yield "answers PING by PONG with the same number", ponged
     yield "drops a session that is played again", replayed
     yield "takes requests that come in pieces", in_pieces
     yield "ends a silent session by its watchdog", watched
@@ -369,8 +390,16 @@ def conformance(address: str, secret: str | bytes) -> list[Finding]:
     def new() -> _Peer:
         return _Peer(where, key)
 
+    checks = (
+        *_greeting(new),
+        *((what, _dropped_at_once(new, message)) for what, message in _false_greetings()),
+        *_second_client(new),
+        *((what, _dropped_in_session(new, message)) for what, message in _false_requests()),
+        *_session(new),
+        *_motion(new),
+    )
     found = []
-    for what, check in (*_greeting(new), *_session(new), *_motion(new)):
+    for what, check in checks:
         try:
             check()
             found.append(Finding(what, True))

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.errors import InputError
+from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.partitioned_run import CoarseHistory, PartitionedHistories
 from structid.hybrid.specimen import SpecimenDescription
-from structid.hybrid.specimen_force import Move
 from structid.hybrid.tracking import (
     FrequencyEvaluationIndex,
     energy_error,
@@ -21,8 +21,8 @@ from structid.hybrid.tracking import (
     tracking_indicator,
 )
 
-LEAST_SECANT = 0.1
-"""Of the peak: in shorter moves noise would be seen as stiffness."""
+LEAST_SECANT, OVER_NOISE = 0.1, 100.0
+"""Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
 STIFFER = 1.05
 """Secant over K₀ from which a warning is due."""
 
@@ -61,27 +61,6 @@ class MoveHistory:
     command: np.ndarray
     measured: np.ndarray
     force: np.ndarray
-
-    @classmethod
-    def of(cls, moves: list[Move], step: float, channels: int) -> MoveHistory:
-        """Gather moves.
-
-        Parameters
-        ----------
-        moves : list of Move
-            In order.
-        step : float
-            Simulated time that each takes [s].
-        channels : int
-            Of the specimen.
-
-        Returns
-        -------
-        MoveHistory
-            Of all.
-        """
-        columns = [np.reshape([m[k] for m in moves], (len(moves), channels)) for k in range(4)]
-        return cls(np.arange(len(moves)) * step, *columns)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -125,8 +104,8 @@ class HybridResult:
         What was known beforehand.
     description : SpecimenDescription
         Of the specimen.
-    planned_steps : int
-        Coarse steps that it should have had.
+    record : GroundMotion
+        That shook it.
     stiffness_ratio : float
         Largest secant that was seen, over K₀; NaN where nothing moved.
     """
@@ -136,7 +115,7 @@ class HybridResult:
     events: tuple[Event, ...]
     feasibility: Feasibility
     description: SpecimenDescription
-    planned_steps: int
+    record: GroundMotion
     stiffness_ratio: float
 
     @property
@@ -147,7 +126,7 @@ class HybridResult:
     @property
     def finished(self) -> bool:
         """Whether it came to the end of the record."""
-        return self.steps == self.planned_steps
+        return self.steps == self.feasibility.steps
 
     @property
     def coarse(self) -> CoarseHistory:
@@ -175,14 +154,14 @@ class HybridResult:
     def __str__(self) -> str:
         time = 0.0 if self.histories is None else self.histories.coarse.time[-1]
         ended = "finished" if self.finished else (self.events[-1].what if self.events else "ended")
-        return f"HybridResult: {self.steps} of {self.planned_steps} steps, {time:g} s of simulated time, {ended}"
+        return f"HybridResult: {self.steps} of {self.feasibility.steps} steps, {time:g} s of simulated time, {ended}"
 
 
 def largest_secant(moves: MoveHistory, stiffness: np.ndarray) -> float:
     """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
-    Secants go from one place to the next that is a tenth of the peak away. One that does not go on as the one before has passed
-    a turn, where a hysteretic force differs at one and the same place; it is left out.
+    Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
+    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out.
 
     Parameters
     ----------
@@ -197,10 +176,12 @@ def largest_secant(moves: MoveHistory, stiffness: np.ndarray) -> float:
         NaN where nothing moved.
     """
     peak = float(np.abs(moves.measured).max(initial=0.0))
+    noise = float(np.diff(moves.measured - moves.target, axis=0).std() / np.sqrt(2.0)) if len(moves) > 2 else 0.0
+    least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
     found, last, before = np.nan, 0, None
     for k in range(1, len(moves) if peak > 0.0 else 0):
         change = moves.measured[k] - moves.measured[last]
-        if np.abs(change).max() < LEAST_SECANT * peak:
+        if np.abs(change).max() < least:
             continue
         if before is not None and before @ change > 0.0:
             ratio = float(change @ (moves.force[k] - moves.force[last]) / (change @ stiffness @ change))

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from structid.errors import InputError, StructidWarning, names_checked
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.compensation import Compensation
-from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined
+from structid.hybrid.coupling import CoarseStep, Coupling, Joined
 from structid.hybrid.feasibility import Feasibility, Plan, judged
-from structid.hybrid.hybrid_result import STIFFER, Event, HybridResult, MoveHistory, largest_secant
+from structid.hybrid.hybrid_result import STIFFER, Event, HybridResult, largest_secant
 from structid.hybrid.motion import Motion, continuous_motion, ramp_and_hold
-from structid.hybrid.partitioned_run import base_of, histories_of, steps_over
+from structid.hybrid.partitioned_run import StepFrame, base_of, steps_over
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
+from structid.hybrid.result_file import About, save
 from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.specimen_force import Move, SpecimenForce
 from structid.hybrid.substructure import Substructure
@@ -175,11 +179,19 @@ class HybridTest:
         plan = Plan(joined, self._description, geometry, self._motion, self.compensation, self.time_scale)
         return judged(plan, targets, forces, len(taken))
 
-    def run(self) -> HybridResult:
+    def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
         """Run the test.
 
-        Whatever ends it early, a refused move or a silent specimen, the specimen holds its position, and every finished step is in
-        the result.
+        Whatever ends it early, a refused move, a silent specimen, a full disk or Ctrl-C, the specimen holds its position, and every
+        finished step is in the result and in the store.
+
+        Parameters
+        ----------
+        store : path-like, optional
+            HDF5 file of the result. Until the test has ended, its recording is beside it, from which `open_hybrid` reads it too.
+        resume : bool
+            Whether to go on with a simulated test that was cut off. A fresh specimen is moved through all steps again; they must
+            come out as they were, to the last bit.
 
         Returns
         -------
@@ -189,52 +201,106 @@ class HybridTest:
         Raises
         ------
         InputError
-            If the check says that it cannot work; nothing has moved then.
+            If the check says that it cannot work, if the store exists, or if a test on a structure is to be resumed; nothing has
+            moved then.
         """
         checked = self.check()
         if not checked.can_work:
             raise InputError(
                 "HybridTest", " ".join(checked.refusals), "a test that can work", "See HybridTest.check()."
             )
-        return self._run_unchecked(checked)
+        return self._run_unchecked(checked, None if store is None else Path(store), resume)
 
-    def _run_unchecked(self, checked: Feasibility | None = None) -> HybridResult:
+    def _run_unchecked(
+        self, checked: Feasibility | None = None, store: Path | None = None, resume: bool = False
+    ) -> HybridResult:
         """Run also what cannot work; virtual specimens bear it."""
         checked = self.check() if checked is None else checked
         moves: list[Move] = []
         joined = self._joined(self._force(self.specimen, moves))
-        base = base_of(self.record, joined, self.duration)
-        taken: list[CoarseStep] = []
-        events: list[Event] = []
-        start: CoupledState | None = None
-        try:
-            start = joined.start(base[0])
-            for step in steps_over(joined, start, base):
-                taken.append(step)
-        except SpecimenError as error:
-            events.append(Event(len(taken) * self.dt, str(error)))
-            self.specimen.hold(str(error))
-        return self._result(joined, start, taken, moves, events, checked)
-
-    def _result(
-        self,
-        joined: Joined,
-        start: CoupledState | None,
-        taken: list[CoarseStep],
-        moves: list[Move],
-        events: list[Event],
-        checked: Feasibility,
-    ) -> HybridResult:
-        step = joined.fine.step if joined.fine_is_physical else self.dt
-        history = MoveHistory.of(moves, step, len(self._geometry))
+        about = About(
+            self._description,
+            checked,
+            self.record,
+            StepFrame.of(joined),
+            joined.substeps if joined.fine_is_physical else 1,
+        )
+        earlier = self._earlier(store) if resume and store is not None else None
+        recorder = None if store is None else Recorder(store, about.to_plain(), about.width)
+        rows, events = self._taken(joined, about, moves, recorder, earlier)
+        result = about.result(rows, events)
         back = np.linalg.pinv(self._geometry)
-        stiffer = largest_secant(history, back.T @ self._parts[1].stiffness @ back)
+        stiffer = largest_secant(result.moves, back.T @ self._parts[1].stiffness @ back)
         if stiffer > STIFFER:
             said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
             warnings.warn(said, StructidWarning, stacklevel=3)
-            events.append(Event(len(taken) * self.dt, said))
-        histories = None if start is None else histories_of(joined, start, taken)
-        return HybridResult(histories, history, tuple(events), checked, self._description, checked.steps, stiffer)
+            events.append(Event(result.steps * self.dt, said))
+        result = replace(result, events=tuple(events), stiffness_ratio=stiffer)
+        if recorder is not None and store is not None:
+            result = _stored(result, recorder, store)
+        return result
+
+    def _taken(
+        self, joined: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
+    ) -> tuple[np.ndarray, list[Event]]:
+        """Take all steps; rows of the finished ones, and what ended them."""
+        base = base_of(self.record, joined, self.duration)
+        rows: list[np.ndarray] = []
+        known = 0
+
+        def keep(step: np.ndarray) -> None:
+            nonlocal known
+            rows.append(about.row(step, moves[known:]))
+            known = len(moves)
+            number = len(rows) - 1
+            if earlier is not None and number < len(earlier) and not np.array_equal(rows[-1], earlier[number], True):
+                came = f"step {number} comes out otherwise than before"
+                raise InputError("HybridTest.run", came, "the same test and specimen, from the start")
+            if recorder is not None:
+                recorder.add(rows[-1])
+
+        try:
+            start = joined.start(base[0])
+            keep(about.frame.start_of(start))
+            for step in steps_over(joined, start, base):
+                keep(about.frame.row_of(step))
+            return np.stack(rows), []
+        except (SpecimenError, RecordingError) as error:
+            said = str(error)
+        except KeyboardInterrupt:
+            said = "It was stopped from the keyboard."
+        self.specimen.hold(said)
+        return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, said)]
+
+    def _earlier(self, store: Path) -> np.ndarray | None:
+        """Rows of a simulated test that was cut off; its recording is put aside."""
+        if not journal_of(store).exists():
+            return None
+        if not self._description.simulated:
+            raise InputError(
+                "HybridTest.run", f"a test on '{self._description.name}' that was cut off", "a simulated specimen",
+                "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began.",
+            )  # fmt: skip
+        rows = recorded(store)[1]
+        for path in (journal_of(store), *tails_of(store)):
+            path.replace(path.with_name(path.name + ".before"))
+        return rows
+
+
+def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResult:
+    """Put a recording into its store, where the disk lets it."""
+    recorder.close()
+    try:
+        save(result, store)
+    except OSError as error:
+        said = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
+        return replace(
+            result, events=(*result.events, Event(float(result.coarse.time[-1]) if result.histories else 0.0, said))
+        )
+    recorder.remove()
+    for path in (journal_of(store), *tails_of(store)):
+        path.with_name(path.name + ".before").unlink(missing_ok=True)
+    return result
 
 
 def _imposed(joined: Joined, taken: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.coupling import CoarseStep, CoupledState, Joined
-from structid.hybrid.operator_splitting import PartState
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,24 +35,6 @@ class PartHistory:
     force: np.ndarray
     imposed: np.ndarray
     reading: np.ndarray
-
-    @classmethod
-    def of(cls, time: np.ndarray, states: list[PartState]) -> PartHistory:
-        """Gather states.
-
-        Parameters
-        ----------
-        time : ndarray, shape (time,)
-            When they were [s].
-        states : list of PartState
-            One for each time.
-
-        Returns
-        -------
-        PartHistory
-            Of all.
-        """
-        return cls(time, *(np.stack([np.asarray(s[i]) for s in states]) for i in range(6)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,49 +154,135 @@ def base_of(record: GroundMotion, joined: Joined, duration: float | None = None)
     return record.values_at(np.arange(steps * joined.substeps + 1) * joined.fine.step)
 
 
-def histories_of(joined: Joined, start: CoupledState, steps: Iterable[CoarseStep]) -> PartitionedHistories:
-    """Gather what happened in the steps.
+@dataclass(frozen=True, eq=False)
+class StepFrame:
+    """How a step is written as one row of numbers, and how rows are read as histories.
 
     Parameters
     ----------
-    joined : Joined
-        The coupled structure.
-    start : CoupledState
-        Before the first step.
-    steps : iterable of CoarseStep
-        In their order.
-
-    Returns
-    -------
-    PartitionedHistories
-        On both clocks.
+    numerical_rows, physical_rows : ndarray, shape (interface, dof)
+        L of the parts, with their signs.
+    dt : float
+        Δt [s].
+    substeps : int
+        ss.
+    fine_is_physical : bool
+        Which part takes them.
     """
-    taken = list(steps)
-    states = [start, *(step.state for step in taken)]
-    time = np.arange(len(states)) * joined.dt
-    numerical = PartHistory.of(time, [s.numerical for s in states])
-    physical = PartHistory.of(time, [s.physical for s in states])
-    inner = ~np.any(joined.numerical.rows != 0.0, axis=0)
 
-    def of_both(name: str) -> np.ndarray:
-        return np.concatenate([getattr(physical, name), getattr(numerical, name)[:, inner]], axis=1)
+    numerical_rows: np.ndarray
+    physical_rows: np.ndarray
+    dt: float
+    substeps: int
+    fine_is_physical: bool
 
-    coarse = CoarseHistory(
-        time,
-        of_both("displacement"),
-        of_both("velocity"),
-        of_both("acceleration"),
-        np.stack([s.traction for s in states]),
-        np.array([joined.gap(s) for s in states]),
-        np.array([0.0, *(step.pseudo_energy for step in taken)]),
-        numerical,
-        physical,
-    )
-    fine_time = np.arange(1, len(taken) * joined.substeps + 1) * joined.fine.step
-    nothing = np.zeros((0, joined.fine.part.dofs))
-    columns = [np.concatenate([nothing, *(np.asarray(step.fine.part[k]) for step in taken)]) for k in range(6)]
-    tractions = np.concatenate([np.zeros((0, len(joined.fine.rows))), *(step.fine.traction for step in taken)])
-    return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
+    @classmethod
+    def of(cls, joined: Joined) -> StepFrame:
+        """Take that of coupled parts.
+
+        Parameters
+        ----------
+        joined : Joined
+            The parts.
+
+        Returns
+        -------
+        StepFrame
+            Of their steps.
+        """
+        return cls(joined.numerical.rows, joined.physical.rows, joined.dt, joined.substeps, joined.fine_is_physical)
+
+    @cached_property
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        interface, numerical = self.numerical_rows.shape
+        physical = self.physical_rows.shape[1]
+        return {
+            "numerical": (6, numerical),
+            "physical": (6, physical),
+            "traction": (interface,),
+            "pseudo_energy": (1,),
+            "fine": (6, self.substeps, physical if self.fine_is_physical else numerical),
+            "fine_traction": (self.substeps, interface),
+        }
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return sum(math.prod(shape) for shape in self._shapes.values())
+
+    def row_of(self, step: CoarseStep) -> np.ndarray:
+        """Write a step.
+
+        Parameters
+        ----------
+        step : CoarseStep
+            That was taken.
+
+        Returns
+        -------
+        ndarray, shape (width,)
+            All of it but the memories of the laws.
+        """
+        state = step.state
+        parts = (*state.numerical[:6], *state.physical[:6], state.traction, np.atleast_1d(step.pseudo_energy))
+        return np.concatenate([np.ravel(x) for x in (*parts, *step.fine.part[:6], step.fine.traction)])
+
+    def start_of(self, start: CoupledState) -> np.ndarray:
+        """Write the state before the first step, as a step in which nothing fine has happened.
+
+        Parameters
+        ----------
+        start : CoupledState
+            At rest.
+
+        Returns
+        -------
+        ndarray, shape (width,)
+            Its row.
+        """
+        known = np.concatenate([np.ravel(x) for x in (*start.numerical[:6], *start.physical[:6], start.traction)])
+        return np.concatenate([known, np.zeros(self.width - len(known))])
+
+    def histories(self, rows: np.ndarray) -> PartitionedHistories:
+        """Read rows.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (1 + step, width)
+            The start and the steps after it.
+
+        Returns
+        -------
+        PartitionedHistories
+            On both clocks.
+        """
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])[:-1]
+        pieces = zip(self._shapes.items(), np.split(rows, ends, axis=1), strict=True)
+        read = {name: piece.reshape(len(rows), *shape) for (name, shape), piece in pieces}
+        time = np.arange(len(rows)) * self.dt
+        numerical, physical = (PartHistory(time, *np.moveaxis(read[name], 1, 0)) for name in ("numerical", "physical"))
+        inner = ~np.any(self.numerical_rows != 0.0, axis=0)
+
+        def of_both(name: str) -> np.ndarray:
+            return np.concatenate([getattr(physical, name), getattr(numerical, name)[:, inner]], axis=1)
+
+        apart = numerical.displacement @ self.numerical_rows.T + physical.displacement @ self.physical_rows.T
+        coarse = CoarseHistory(
+            time,
+            of_both("displacement"),
+            of_both("velocity"),
+            of_both("acceleration"),
+            read["traction"],
+            np.abs(apart).max(axis=1),
+            read["pseudo_energy"][:, 0],
+            numerical,
+            physical,
+        )
+        fine_time = np.arange(1, (len(rows) - 1) * self.substeps + 1) * self.dt / self.substeps
+        within, tractions = read["fine"][1:], read["fine_traction"][1:]
+        columns = np.moveaxis(within, 1, 0).reshape(6, len(fine_time), within.shape[-1])
+        tractions = tractions.reshape(len(fine_time), tractions.shape[-1])
+        return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
 
 
 def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
@@ -231,5 +300,7 @@ def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
     PartitionedHistories
         On both clocks.
     """
-    start = joined.start(base[0])
-    return histories_of(joined, start, steps_over(joined, start, base))
+    start, frame = joined.start(base[0]), StepFrame.of(joined)
+    return frame.histories(
+        np.stack([frame.start_of(start), *(frame.row_of(step) for step in steps_over(joined, start, base))])
+    )

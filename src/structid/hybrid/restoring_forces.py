@@ -1,4 +1,7 @@
-"""What a part of a structure answers to displacements that are imposed on it: its static force, and what it remembers."""
+"""What a part of a structure answers to displacements that are imposed on it: its static force, and what it remembers.
+
+Numbers in brackets, such as [3.13], are equations of the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 

@@ -178,7 +178,8 @@ class SpecimenServer:
                     self._log(f"{peer}: a session began")
                     self._obey(session)
                     self._log(f"{peer}: the session has ended")
-            except WireError as error:
+            except Exception as error:
+                # Whatever it was, also of the specimen's own program: the session is over, and nothing moves any more.
                 self._log(f"{peer}: {error}")
                 if session is not None and session.moved:
                     self.specimen.hold(str(error))

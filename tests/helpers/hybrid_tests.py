@@ -1,0 +1,122 @@
+"""A hybrid test in processes that tests kill, stop and starve: a server, and a client that counts its finished steps."""
+
+import mmap
+import os
+import resource
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.benchmark import pulse, two_floor_frame
+from structid.hybrid.frame_parts import cut_frame
+from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.remote import RemoteSpecimen
+from structid.hybrid.server import SpecimenServer
+from structid.hybrid.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.transfer import Actuator, Sensor
+
+SECRET = "a secret of both sides"
+DT, SCALE, SUBSTEPS = 0.01, 1.0, 10
+
+
+def storey(seed=1):
+    """A specimen with noise, which a second one has alike."""
+    _, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
+    return SimulatedSpecimen(
+        lower.force, Actuator(displacement_sensor=Sensor(5e-6), force_sensor=Sensor(20.0)), seed=seed
+    )
+
+
+def test_on(specimen, duration=1.0):
+    """The test that every process runs."""
+    upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
+    record = GroundMotion(pulse(np.arange(0.0, duration + 0.0005, 1e-3)), 1e-3, name="pulse")
+    coupling = PrakashHjelmstad(SUBSTEPS, "physical")
+    return HybridTest(upper, specimen, record, dt=DT, time_scale=SCALE, coupling=coupling, physical=lower)
+
+
+def serve(port_file):
+    """Serve a storey until killed."""
+    server = SpecimenServer(storey(), SECRET)
+    Path(port_file).write_text(server.address)
+    server.serve()
+
+
+def run(address, store, counter, limit):
+    """Run the test, and count in a mapped file how many rows have been recorded; `limit` is the largest file in bytes."""
+    from structid.hybrid import recorder
+
+    recorder.TAIL_ROOM, recorder.ROWS_IN_TAIL = 2**18, 16
+    if int(limit):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), resource.RLIM_INFINITY))
+    with Path(counter).open("r+b") as file:
+        counted = mmap.mmap(file.fileno(), 8)
+    add = recorder.Recorder.add
+
+    def counting(self, row):
+        add(self, row)
+        counted[:8] = struct.pack("<q", struct.unpack("<q", counted[:8])[0] + 1)
+
+    recorder.Recorder.add = counting
+    specimen = RemoteSpecimen(address, SECRET) if address != "local" else storey()
+    result = test_on(specimen).run(store)
+    print(result, flush=True)
+
+
+class Processes:
+    """Server and client, each a process."""
+
+    def __init__(self, folder, limit=0, remote=True):
+        self.folder, self.store = folder, folder / "test.h5"
+        self.server, address = None, "local"
+        if remote:
+            port = folder / "port"
+            self.server = self._started("serve", port)
+            while not port.exists() or not port.read_text():
+                time.sleep(0.01)
+            address = port.read_text()
+        self.counter = folder / "counter"
+        self.counter.write_bytes(bytes(8))
+        self.client = self._started("run", address, self.store, self.counter, limit)
+
+    @staticmethod
+    def _started(*arguments):
+        code = "import sys, hybrid_tests; getattr(hybrid_tests, sys.argv[1])(*sys.argv[2:])"
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
+        return subprocess.Popen(
+            [sys.executable, "-c", code, *map(str, arguments)],
+            env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
+
+    @property
+    def recorded(self):
+        """Rows that the client has been told are safe."""
+        return struct.unpack("<q", self.counter.read_bytes())[0]
+
+    def wait_for(self, rows, patience=60.0):
+        """Wait until so many rows have been recorded."""
+        until = time.monotonic() + patience
+        while self.recorded < rows:
+            if self.client.poll() is not None:
+                raise AssertionError(self.client.communicate()[1])
+            if time.monotonic() > until:
+                raise AssertionError(f"{self.recorded} rows after {patience} s")
+
+    def ended(self, patience=30.0):
+        """Wait for the client; what it said."""
+        out, err = self.client.communicate(timeout=patience)
+        return out, err
+
+    def stop(self):
+        """Kill what is left."""
+        for process in (self.client, self.server):
+            if process is not None and process.poll() is None:
+                process.kill()
+            if process is not None:
+                process.communicate()
