@@ -45,7 +45,7 @@ _PUBLIC = {
     "NARX": "surrogates.narx.narx",
     "NUTS": "inference.sampling.gradient",
     "Normal": "probability.marginals",
-    "Observation": "inference.likelihood.observation",
+    "Observation": "observation",
     "Opening": "fem.layout",
     "OutputFile": "solvers.program",
     "PCE": "surrogates.chaos.pce",

@@ -27,7 +27,6 @@ from structid.inference.likelihood.independent import IID as IID
 from structid.inference.likelihood.kernels import AR1 as AR1
 from structid.inference.likelihood.kernels import DampedCosine as DampedCosine
 from structid.inference.likelihood.kernels import Matern32 as Matern32
-from structid.inference.likelihood.observation import Observation as Observation
 from structid.inference.likelihood.posterior import Posterior as Posterior
 from structid.inference.sample import sample as sample
 from structid.inference.sampling.delayed_acceptance import DelayedAcceptance as DelayedAcceptance
@@ -38,6 +37,7 @@ from structid.inference.sampling_result import SamplingResult as SamplingResult
 from structid.inference.target import LogDensity as LogDensity
 from structid.models.bouc_wen import BoucWen as BoucWen
 from structid.models.shear_frame import ShearFrame as ShearFrame
+from structid.observation import Observation as Observation
 from structid.probability.designs import Design as Design
 from structid.probability.marginals import Beta as Beta
 from structid.probability.marginals import Frozen as Frozen

@@ -12,11 +12,11 @@ from structid.errors import InputError
 from structid.hybrid import server as server_module
 from structid.hybrid import wire
 from structid.hybrid.conformance import conformance
-from structid.hybrid.restoring_forces import LinearForce
 from structid.hybrid.server import SpecimenServer
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import SpecimenError
 from structid.hybrid.transfer import Actuator
+from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick
 SECRET = "a secret of both sides"

@@ -14,9 +14,9 @@ from structid.hybrid.gravouil_combescure import GravouilCombescure
 from structid.hybrid.operator_splitting import OperatorSplitting
 from structid.hybrid.partitioned_run import base_of, run_over
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.restoring_forces import HystereticSprings, spring_law
 from structid.hybrid.stability import free_oscillations, spectral_radius
 from structid.hybrid.substructure import Substructure
+from structid.mechanics.restoring_forces import HystereticSprings, spring_law
 
 pytestmark = pytest.mark.quick
 FIRST_PERIOD = 2.0 * np.pi / 15.553514

@@ -13,11 +13,11 @@ from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.gravouil_combescure import GravouilCombescure
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.restoring_forces import LinearForce
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import SpecimenError
 from structid.hybrid.substructure import Substructure
 from structid.hybrid.transfer import Actuator, Sensor
+from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick
 STIFFNESS, MASS, RATIO = 7.6e6, 12e3, 0.03

@@ -7,8 +7,8 @@ import pytest
 from structid.device import jnp
 from structid.errors import InputError
 from structid.ground_motion.excitation import DisplacementHistory
-from structid.hybrid.restoring_forces import HystereticSprings, LinearForce, spring_law
 from structid.mechanics import moved_springs
+from structid.mechanics.restoring_forces import HystereticSprings, LinearForce, spring_law
 from structid.models.bouc_wen import BoucWen
 
 pytestmark = pytest.mark.quick

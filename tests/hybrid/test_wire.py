@@ -21,7 +21,6 @@ from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.remote import RemoteSpecimen
-from structid.hybrid.restoring_forces import LinearForce
 from structid.hybrid.server import SpecimenServer, parsed_address
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import SpecimenError
@@ -42,6 +41,7 @@ from structid.hybrid.wire import (
     received,
     session_key,
 )
+from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick
 SECRET = "a secret of both sides"

@@ -23,7 +23,6 @@ from structid.inference.assessment.certificate import Certificate, StoredRuns, c
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
-from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
@@ -32,6 +31,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.journal import Journal, digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
+from structid.observation import Observation
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.runs import Runs

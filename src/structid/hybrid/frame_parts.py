@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from structid.errors import InputError, check_choice, names_checked
-from structid.hybrid.restoring_forces import HystereticSprings
 from structid.hybrid.substructure import Substructure, proportional_damping
 from structid.mechanics.hysteresis import Law
+from structid.mechanics.restoring_forces import HystereticSprings
 from structid.models.shear_frame import ShearFrame
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
+from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.partitioned_run import CoarseHistory, PartitionedHistories
@@ -20,6 +22,7 @@ from structid.hybrid.tracking import (
     root_mean_square_error,
     tracking_indicator,
 )
+from structid.observation import Observation
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
 """Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
@@ -150,6 +153,55 @@ class HybridResult:
                 energy_error(self.moves.force[:, k], target, measured),
             )
         return found
+
+    @property
+    def datum(self) -> np.ndarray:
+        """Where the zero of the channels is, from where it was before the first test, shape (channel,)."""
+        datum = self.description.datum
+        return np.zeros(len(self.description.channels)) if datum is None else np.array(datum)
+
+    @names_checked
+    def observation(
+        self, channels: Sequence[str] = (), *, before: Sequence[HybridResult] = (), sd: float | None = None
+    ) -> Observation:
+        """What the specimen was seen to do: forces against its measured displacements, not the commanded ones.
+
+        A specimen remembers the tests before. Given here, they come first: displacements count from the first zero, and go
+        straight from the end of a test to the zero of the next one, where the specimen was without force.
+
+        Parameters
+        ----------
+        channels : sequence of str, optional
+            Names of the forces, one a channel. When left out: ``"restoring_force"`` for one channel, ``"restoring_force_1"``, … for
+            several.
+        before : sequence of HybridResult
+            Tests on the same specimen, in their order.
+        sd : float, optional
+            Known standard deviation of the forces [N].
+
+        Returns
+        -------
+        Observation
+            Of a `DisplacementHistory`, or several in a `CombinedExcitation`; every move is a sample.
+
+        Raises
+        ------
+        InputError
+            If a test has no moves, or is of another specimen.
+        """
+        tests = (*before, self)
+        for test in tests:
+            if len(test.moves) < 2 or test.description.channels[0].name != self.description.channels[0].name:
+                came = f"a test of '{test.description.name}' with {len(test.moves)} moves"
+                raise InputError("HybridResult.observation", came, "tests on one specimen that has moved")
+        way = np.concatenate([test.datum + test.moves.measured for test in tests])
+        forces = np.concatenate([test.moves.force for test in tests])
+        step, name = float(self.moves.time[1]), ", ".join(test.record.name for test in tests)
+        imposed = [DisplacementHistory(column, step, f"measured in {name}") for column in way.T]
+        excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed)
+        several = tuple(f"restoring_force_{k}" for k in range(1, len(imposed) + 1))
+        names = tuple(channels) or (several if len(imposed) > 1 else ("restoring_force",))
+        return Observation(excitation, forces, names, name=name, sd=sd)
 
     def __str__(self) -> str:
         time = 0.0 if self.histories is None else self.histories.coarse.time[-1]

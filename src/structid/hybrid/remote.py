@@ -179,3 +179,13 @@ class RemoteSpecimen(Specimen):
             except SpecimenError:
                 return
         self._end("It was closed.")
+
+    def released(self) -> RemoteSpecimen:
+        """The same address, where a specimen that was made ready answers in a new session; see `Specimen.released`.
+
+        Returns
+        -------
+        RemoteSpecimen
+            Whose first move is refused where its operator has not made it ready.
+        """
+        return RemoteSpecimen(self.address, self._secret, self.silence)

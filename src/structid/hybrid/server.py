@@ -93,13 +93,16 @@ class SpecimenServer:
         0 takes a free one.
     watchdog : float
         Silence in a session after which it ends [s].
+    releases : bool
+        Whether a simulated specimen is unloaded and zeroed for the next test when a client has closed its session in order. After an
+        error it holds all the same.
     log : callable, optional
         Called with a sentence for everything that happens.
 
     Examples
     --------
     >>> import numpy as np
-    >>> from structid.hybrid.restoring_forces import LinearForce
+    >>> from structid.mechanics.restoring_forces import LinearForce
     >>> from structid.hybrid.remote import RemoteSpecimen
     >>> from structid.hybrid.simulated_specimen import SimulatedSpecimen
     >>> secret = "a secret of both sides"
@@ -117,9 +120,12 @@ class SpecimenServer:
         host: str = LOOPBACK,
         port: int = 0,
         watchdog: float = WATCHDOG,
+        releases: bool = False,
         log: Log | None = None,
     ) -> None:
-        self.specimen, self.watchdog = specimen, watchdog
+        self.specimen, self.watchdog, self.releases = specimen, watchdog, releases
+        if releases and not specimen.describe().simulated:
+            raise InputError("server: releases", "a specimen that is a structure", "a simulated one, or releases=False")
         self._secret, self._log = checked_secret(secret), log or (lambda said: None)
         self._busy, self._stopping = threading.Lock(), threading.Event()
         try:
@@ -239,7 +245,7 @@ class SpecimenServer:
                 return Frame(Kind.HELD, 0)
             case Kind.CLOSE:
                 if session.moved:
-                    self.specimen.close()
+                    self._close()
                 return Frame(Kind.CLOSED, 0)
             case Kind.MOVE:
                 path, averaged = read_move(frame.payload)
@@ -252,3 +258,10 @@ class SpecimenServer:
                     return Frame(Kind.REFUSED, 0, str(error).encode())
             case _:
                 raise WireError(f"A {frame.kind.name} came, which is no request.")
+
+    def _close(self) -> None:
+        """End a session that has moved the specimen."""
+        self.specimen.close()
+        if self.releases:
+            self.specimen = self.specimen.released()
+            self._log("The specimen was unloaded and zeroed for the next test.")

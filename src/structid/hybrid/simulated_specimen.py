@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
 
 import numpy as np
 
 from structid.errors import InputError, names_checked
-from structid.hybrid.restoring_forces import RestoringForce
 from structid.hybrid.specimen import Reading, Specimen, SpecimenChannel, SpecimenDescription, SpecimenError
 from structid.hybrid.transfer import CONTROLLER_STEP, Actuator, TransferSystem
+from structid.mechanics.restoring_forces import CollapseError, RestoringForce
+
+RELEASED = 1e-7
+"""Force of an unloaded specimen over its largest one."""
+MOST_RELEASES = 2000
+"""Moves towards it."""
 
 
 @names_checked
@@ -60,7 +67,7 @@ class SimulatedSpecimen(Specimen):
                 "SimulatedSpecimen.actuators", f"{len(each)}", f"one for all, or {len(names)}, one a channel"
             )
         self.structure, self.real_time = structure, real_time
-        self._transfer = TransferSystem(each, controller_step, seed)
+        self._seed, self._transfer = seed, TransferSystem(each, controller_step, seed)
         self._description = SpecimenDescription(
             name=name,
             channels=tuple(
@@ -77,8 +84,9 @@ class SimulatedSpecimen(Specimen):
         )  # fmt: skip
         nothing = np.zeros(len(names))
         self._memory = structure.at_rest(nothing)
-        self._force = structure.at(self._memory, nothing)[0]
-        self._place, self._command = nothing, nothing
+        self._force, self._memory = structure.at(self._memory, nothing)
+        self._static, self._largest = self._force, 0.0
+        self._datum, self._place, self._command = nothing, nothing, nothing
         self._held = ""
 
     def describe(self) -> SpecimenDescription:
@@ -118,7 +126,11 @@ class SimulatedSpecimen(Specimen):
         places = self._transfer.followed(path)
         self._command = path[-1]
         last = max(len(places) - averaged, 0)
-        forces = self._forces(places, last)
+        try:
+            forces = self._forces(self._datum + places, last)
+        except CollapseError as collapse:
+            self.hold(f"it has failed: {collapse}")
+            raise SpecimenError(f"The structure has failed: {collapse}") from None
         displacement, force = (x.mean(axis=0) for x in self._transfer.seen(places[last:], forces))
         for k, channel in enumerate(self._description.channels):
             if channel.force is not None and abs(force[k]) > channel.force:
@@ -137,14 +149,19 @@ class SimulatedSpecimen(Specimen):
         kept = self._kept(np.concatenate([self._place[None], places]), last)
         found = []
         for index in kept:
-            self._force, self._memory = self.structure.at(self._memory, places[index])
+            self._impose(places[index])
             found.append(self._force)
-        self._place = places[-1]
         wanted, stops = np.arange(last, len(places)), np.array(kept)
         within = stops >= last
         return np.stack(
             [np.interp(wanted, stops[within], np.array(found)[within, k]) for k in range(places.shape[1])], axis=1
         )
+
+    def _impose(self, place: np.ndarray) -> None:
+        """Move the structure to a place."""
+        self._force, self._memory = self.structure.at(self._memory, place)
+        self._place = place
+        self._largest = max(self._largest, float(np.abs(self._force - self._static).max()))
 
     def _kept(self, places: np.ndarray, last: int) -> list[int]:
         """Numbers of the places, from 0 for the second one given, to which the structure is moved."""
@@ -170,6 +187,55 @@ class SimulatedSpecimen(Specimen):
         """End the session; see `Specimen.close`."""
         self.hold("the session was closed")
 
+    def released(self) -> SimulatedSpecimen:
+        """Unload it to its first force, and call that place zero; see `Specimen.released`.
+
+        Returns
+        -------
+        SimulatedSpecimen
+            The same structure with its damage, and with as much less stroke as its zero has moved.
+
+        Raises
+        ------
+        InputError
+            If its stiffness was not given.
+        SpecimenError
+            If it finds no place without force.
+        """
+        if self._description.stiffness is None:
+            raise InputError("SimulatedSpecimen.stiffness", "nothing", "its initial stiffness", "It unloads with it.")
+        after = copy(self)
+        after._unload(np.array(self._description.stiffness))
+        after._datum, after._held, after._command = after._place, "", 0.0 * after._place
+        after._seed = self._seed + 1
+        actuators = tuple(
+            a if a.stroke is None else replace(a, stroke=a.stroke - abs(float(moved)))
+            for a, moved in zip(self._transfer.actuators, after._datum - self._datum, strict=True)
+        )
+        after._transfer = TransferSystem(actuators, self._description.controller_step, after._seed)
+        channels = tuple(
+            channel.model_copy(update={"stroke": a.stroke})
+            for channel, a in zip(self._description.channels, actuators, strict=True)
+        )
+        after._description = self._description.model_copy(
+            update={"datum": tuple(map(float, after._datum)), "channels": channels}
+        )
+        return after
+
+    def _unload(self, stiffness: np.ndarray) -> None:
+        """Move it until its force is the first one. With the largest stiffness no move goes beyond."""
+        back = np.linalg.inv(stiffness)
+        for _ in range(MOST_RELEASES):
+            excess = self._force - self._static
+            if np.abs(excess).max() <= RELEASED * self._largest:
+                return
+            move = -back @ excess
+            pieces = int(np.ceil(np.abs(move).max() / self.structure.largest_move)) or 1
+            start = self._place
+            for piece in range(1, pieces + 1):
+                self._impose(start + piece / pieces * move)
+        raise SpecimenError(f"It could not be unloaded: {np.abs(excess).max():.3g} N are left.")
+
     @property
     def held(self) -> str:
         """Why it holds its position; empty while it may move."""
@@ -177,5 +243,5 @@ class SimulatedSpecimen(Specimen):
 
     @property
     def position(self) -> np.ndarray:
-        """Where its pistons are, shape (channel,) [m]."""
-        return self._place
+        """Where its pistons are, from its zero, shape (channel,) [m]."""
+        return self._place - self._datum

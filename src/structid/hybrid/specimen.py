@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from structid.errors import StructidError
 
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 MOST_CHANNELS = 64
 LONGEST_PATH = 100_000
 """Controller steps in one move: a hundred seconds at 1 ms."""
@@ -60,6 +61,8 @@ class SpecimenDescription(BaseModel):
         Whether it is a program. A test on one may be resumed; one on a structure never.
     stiffness : tuple of tuple of float, or None
         Initial stiffness in its channels, if it knows it.
+    datum : tuple of float, or None
+        Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again.
     longest_path : int
         Controller steps that one move may have.
     software : str
@@ -73,6 +76,7 @@ class SpecimenDescription(BaseModel):
     controller_step: Positive = 1e-3
     simulated: bool = False
     stiffness: tuple[tuple[float, ...], ...] | None = None
+    datum: tuple[Finite, ...] | None = None
     longest_path: Annotated[int, Field(ge=1, le=LONGEST_PATH)] = LONGEST_PATH
     software: str = ""
 
@@ -82,6 +86,8 @@ class SpecimenDescription(BaseModel):
             raise ValueError(
                 f"stiffness has the shape {np.shape(self.stiffness)}, and there are {len(self.channels)} channels"
             )
+        if self.datum is not None and len(self.datum) != len(self.channels):
+            raise ValueError(f"datum has {len(self.datum)} numbers, and there are {len(self.channels)} channels")
         return self
 
     def refusal(self, last: np.ndarray, path: np.ndarray) -> str | None:
@@ -179,3 +185,22 @@ class Specimen(ABC):
     @abstractmethod
     def close(self) -> None:
         """End the session; it holds its position."""
+
+    def released(self) -> Specimen:
+        """The specimen of the next test, after this one's session was closed: unloaded by its operator, and zeroed again.
+
+        Its damage stays. Where its zero is now, it says as the ``datum`` of its description.
+
+        Returns
+        -------
+        Specimen
+            Ready to be moved.
+
+        Raises
+        ------
+        SpecimenError
+            If only its operator can make it ready.
+        """
+        raise SpecimenError(
+            f"'{self.describe().name}' must be unloaded and zeroed by its operator before another test."
+        )

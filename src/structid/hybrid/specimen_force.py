@@ -9,8 +9,8 @@ import numpy as np
 
 from structid.hybrid.compensation import Compensator
 from structid.hybrid.motion import Motion
-from structid.hybrid.restoring_forces import RestoringForce
 from structid.hybrid.specimen import Reading, Specimen, SpecimenError
+from structid.mechanics.restoring_forces import RestoringForce
 
 
 class Move(NamedTuple):

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError, names_checked
-from structid.hybrid.restoring_forces import LinearForce, RestoringForce
+from structid.mechanics.restoring_forces import LinearForce, RestoringForce
 
 
 @names_checked

@@ -15,7 +15,6 @@ from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.drifting import Drifting
 from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.kernels import AR1, DampedCosine
-from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
@@ -23,6 +22,7 @@ from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Map, Model, Progress
 from structid.notebook import ShownAsText
+from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed
 

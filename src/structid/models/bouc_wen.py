@@ -17,6 +17,8 @@ from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.journal import digest
 from structid.keys import quantity
+from structid.mechanics.hysteresis import Law
+from structid.mechanics.restoring_forces import HystereticSprings
 from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.hysteretic_parameters import (
@@ -269,6 +271,24 @@ class BoucWen(TraceableModel):
             excitation.dt,
             excitation.dropped_samples,
         )
+
+    def static_force(self, theta: Any) -> HystereticSprings:
+        """Give the spring without mass and dashpot; see `TraceableModel.static_force`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        HystereticSprings
+            One spring, of as many runs.
+        """
+        values = {n: v if isinstance(v, float) else v[None] for n, v in self._values(theta).items() if v is not None}
+        law = Law(**{name: values[name] for name in Law._fields})
+        ones = jnp.ones((1, theta.shape[0]))
+        return HystereticSprings(np.ones((1, 1)), values["stiffness"] * ones, values["mass"] * ones, law)
 
     @property
     def content_hash(self) -> str:

@@ -16,6 +16,7 @@ from structid.errors import InputError, Status
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.mechanics.lanes.in_lanes import InLanes
+from structid.mechanics.restoring_forces import RestoringForce
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 
@@ -200,6 +201,21 @@ class TraceableModel(Model):
         -------
         TimeLoop or None
             None for a model that responds in another way, and says how in `response`.
+        """
+        return None
+
+    def static_force(self, theta: Any) -> RestoringForce | None:
+        """Give the force of its structure against displacements that are imposed on it, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        RestoringForce or None
+            Of as many runs; None for a model on which no displacements can be imposed.
         """
         return None
 

@@ -10,8 +10,8 @@ import numpy as np
 from structid.figures import response as response_figures
 from structid.inference.assessment.comparison import Comparison
 from structid.inference.assessment.prediction import Prediction
-from structid.inference.likelihood.observation import Observation
 from structid.journal import write_then_rename
+from structid.observation import Observation
 from structid.report.page import embedded, template
 from structid.report.tables import versions_table
 from structid.units import factor

@@ -14,10 +14,10 @@ from structid.ground_motion.record import GroundMotion
 from structid.inference.assessment.identifiability import Identifiability, identifiability
 from structid.inference.assessment.summary import Summary
 from structid.inference.law_choice import LawChoice
-from structid.inference.likelihood.observation import Observation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Model
+from structid.observation import Observation
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy

@@ -12,8 +12,8 @@ import scipy
 from structid.errors import Status
 from structid.figures import response as figures
 from structid.ground_motion.excitation import Excitation
-from structid.inference.likelihood.observation import Observation
 from structid.models.prior_checks import unstable_in_words, unstable_share
+from structid.observation import Observation
 from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import factor

@@ -18,10 +18,10 @@ from jax import lax
 from structid.device import jnp
 from structid.errors import Status
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
-from structid.inference.likelihood.observation import Observation
 from structid.mechanics.time_loop import TimeLoop, once_along_each, sum_of_squares
 from structid.models.face import Map, Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
+from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 

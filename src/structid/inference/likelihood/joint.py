@@ -13,9 +13,9 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.bound import BoundLikelihood, Measured, own_priors
 from structid.inference.likelihood.discrepancy import ErrorLaw
-from structid.inference.likelihood.observation import Observation
 from structid.models.face import Map, Model, Progress
 from structid.models.traceable import as_traceable
+from structid.observation import Observation
 from structid.probability.bijections import Bijection, Scatter
 from structid.probability.space import ParameterSpace
 

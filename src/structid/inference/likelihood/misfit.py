@@ -14,10 +14,10 @@ import numpy as np
 from structid.device import jnp, over_runs
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.joint import JointLikelihood
-from structid.inference.likelihood.observation import Observation
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.slopes import with_slopes
 from structid.models.traceable import as_traceable
+from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 GRADIENT_BATCH = 64

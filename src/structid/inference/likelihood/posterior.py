@@ -21,12 +21,12 @@ from structid.inference.likelihood.given_responses import GivenResponses
 from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.joint import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
-from structid.inference.likelihood.observation import Observation
 from structid.inference.target import Target
 from structid.journal import digest
 from structid.mechanics.lanes.differentiable import differentiable_in_lanes
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
+from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 

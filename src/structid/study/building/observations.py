@@ -17,8 +17,8 @@ from structid.inference.likelihood import law_list
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.law_kind import SQUARED
-from structid.inference.likelihood.observation import Observation
 from structid.models.face import Model
+from structid.observation import Observation
 from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named

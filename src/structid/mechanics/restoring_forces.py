@@ -7,15 +7,21 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
+import jax
 import numpy as np
 
 from structid.array_module import namespace
-from structid.errors import InputError, names_checked
+from structid.errors import InputError, StructidError, names_checked
+from structid.journal import digest
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.moved_springs import moved
+
+
+class CollapseError(StructidError):
+    """A structure that no force holds where it is moved to: what has failed, and where."""
 
 
 class RestoringForce(ABC):
@@ -29,6 +35,11 @@ class RestoringForce(ABC):
     def largest_move(self) -> float:
         """Longest move that is taken in one piece where a path is followed [m]."""
         return np.inf
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything that a force depends on."""
+        return digest(type(self).__name__, *_arrays_of(self))
 
     @abstractmethod
     def at_rest(self, displacement: Any) -> Any:
@@ -117,12 +128,12 @@ class HystereticSprings(RestoringForce):
     ----------
     deformations : array-like, shape (spring, dof)
         B.
-    stiffness : array-like, shape (spring,)
+    stiffness : array-like, shape (spring,) or (spring, run)
         Initial stiffness k of every spring [N/m].
-    mass : array-like, shape (spring,)
+    mass : array-like, shape (spring,) or (spring, run)
         Mass m that the energies of a spring are divided by [kg], as for `BoucWen`.
     law : Law
-        α, β, γ and the others, each a number for all springs or an array (spring,); see `spring_law`.
+        α, β, γ and the others, each a number for all springs or an array (spring,) or (spring, run); see `spring_law`.
 
     Examples
     --------
@@ -141,6 +152,8 @@ class HystereticSprings(RestoringForce):
         rows = np.atleast_2d(np.asarray(self.deformations, dtype=np.float64))
         object.__setattr__(self, "deformations", rows)
         for name in ("stiffness", "mass"):
+            if isinstance(getattr(self, name), jax.Array):
+                continue  # of many runs, inside JAX, where nothing can be checked
             values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
             if values.shape != (len(rows),) or not (np.isfinite(values).all() and (values > 0.0).all()):
                 raise InputError(
@@ -201,9 +214,18 @@ class HystereticSprings(RestoringForce):
     @staticmethod
     def _of_springs(value: Any, like: Any) -> Any:
         """A value for every spring, with an axis for the runs where there are some."""
-        if isinstance(value, float) or like.ndim == 1:
+        if isinstance(value, float) or like.ndim == 1 or np.ndim(value) == 2:
             return value
         return namespace(like).asarray(value).reshape(-1, 1)
+
+
+def _arrays_of(settings: Any) -> list[np.ndarray]:
+    """Numbers of a dataclass, and of the tuples in it."""
+    values = [getattr(settings, f.name) for f in fields(settings)] if is_dataclass(settings) else list(settings)
+    found: list[np.ndarray] = []
+    for value in values:
+        found += _arrays_of(value) if isinstance(value, tuple) or is_dataclass(value) else [np.asarray(value)]
+    return found
 
 
 def spring_law(

@@ -1,0 +1,211 @@
+"""Hybrid tests one after the other on one specimen, which keeps its damage."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError, names_checked
+from structid.hybrid.feasibility import Feasibility
+from structid.hybrid.hybrid_result import HybridResult
+from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.result_file import open_hybrid
+from structid.observation import Observation
+
+Watching = Callable[[str, HybridTest], None]
+"""Called with the name of a test and the test, before it begins."""
+
+
+def store_of(folder: Path, name: str) -> Path:
+    """Name the store of a test.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+    name : str
+        Of the test.
+
+    Returns
+    -------
+    Path
+        An HDF5 file.
+    """
+    return folder / f"test_{name}.h5"
+
+
+@dataclass(frozen=True, eq=False)
+class ProgrammeResult:
+    """What a programme of hybrid tests leaves.
+
+    Parameters
+    ----------
+    tests : dict of str to HybridResult
+        Those that were begun, in their order.
+    planned : tuple of str
+        Names of all tests.
+    """
+
+    tests: dict[str, HybridResult]
+    planned: tuple[str, ...]
+
+    @property
+    def finished(self) -> bool:
+        """Whether all tests came to their end."""
+        return len(self.tests) == len(self.planned) and all(test.finished for test in self.tests.values())
+
+    @property
+    def ended_by(self) -> str:
+        """What ended it before its time, with the test; empty for a finished one."""
+        for name, test in self.tests.items():
+            if not test.finished:
+                event = test.events[-1] if test.events else None
+                return f"Test {name} ended" + (f" at {event.time:.3f} s: {event.what}" if event else ".")
+        return ""
+
+    @names_checked
+    def observation(self, name: str, channels: tuple[str, ...] = (), sd: float | None = None) -> Observation:
+        """What a test and all those before it have shown of the specimen; see `HybridResult.observation`.
+
+        Parameters
+        ----------
+        name : str
+            The last test that is looked at.
+        channels : tuple of str
+            Names of the forces.
+        sd : float, optional
+            Known standard deviation of the forces [N].
+
+        Returns
+        -------
+        Observation
+            Forces against measured displacements.
+        """
+        before = self._before(name)
+        return self.tests[name].observation(channels, before=before, sd=sd)
+
+    @names_checked
+    def way_to(self, name: str) -> np.ndarray:
+        """Where the specimen was moved to before a test, as it was measured; for `VirtualHybridTest.way`.
+
+        Parameters
+        ----------
+        name : str
+            The test.
+
+        Returns
+        -------
+        ndarray, shape (place, channel)
+            From the first zero; the last place is the zero of the test.
+        """
+        places = [test.datum + test.moves.measured for test in self._before(name)]
+        return np.concatenate([*places, self.tests[name].datum[None]])
+
+    def _before(self, name: str) -> list[HybridResult]:
+        if name not in self.tests:
+            raise InputError("ProgrammeResult", f"'{name}'", ", ".join(self.tests) or "no test was begun")
+        return [self.tests[other] for other in list(self.tests)[: list(self.tests).index(name)]]
+
+    def __str__(self) -> str:
+        lines = [f"{name}: {test}" for name, test in self.tests.items()]
+        return "\n".join([*lines, "The programme is finished." if self.finished else self.ended_by])
+
+
+@names_checked
+@dataclass(frozen=True, eq=False)
+class Programme:
+    """A programme of hybrid tests.
+
+    Between two of them the operator unloads the specimen and calls its place zero; a simulated one does so by itself.
+
+    Parameters
+    ----------
+    tests : mapping of str to HybridTest
+        By their names, in their order. All have the specimen of the first.
+    """
+
+    tests: Mapping[str, HybridTest]
+
+    def __post_init__(self) -> None:
+        if not self.tests:
+            raise InputError("Programme.tests", "none", "one test or more, by their names")
+        for name in self.tests:
+            if not name.replace("_", "").replace("-", "").isalnum():
+                raise InputError("Programme.tests", f"the name '{name}'", "letters, digits, - and _")
+
+    def check(self) -> dict[str, Feasibility]:
+        """Check every test on the undamaged specimen; nothing moves.
+
+        Returns
+        -------
+        dict of str to Feasibility
+            See `HybridTest.check`.
+        """
+        return {name: test.check() for name, test in self.tests.items()}
+
+    def run(
+        self, folder: str | os.PathLike[str] | None = None, *, resume: bool = False, watching: Watching | None = None
+    ) -> ProgrammeResult:
+        """Run the tests until one does not come to its end.
+
+        Parameters
+        ----------
+        folder : path-like, optional
+            For a store of every test.
+        resume : bool
+            Whether to go on with what is there. A simulated specimen is moved through all of it again, and must do what it did.
+        watching : callable, optional
+            Called before every test with its name and the test.
+
+        Returns
+        -------
+        ProgrammeResult
+            As far as it went.
+
+        Raises
+        ------
+        InputError
+            If a test cannot work, before anything moves; if the folder holds a programme already; if a test on a structure is to
+            be resumed.
+        """
+        for name, found in self.check().items():
+            if not found.can_work:
+                raise InputError(f"test {name}", " ".join(found.refusals), "a test that can work")
+        stores = {name: None if folder is None else store_of(Path(folder), name) for name in self.tests}
+        if not resume:
+            for store in stores.values():
+                if store is not None and store.exists():
+                    raise InputError(f"{folder}", f"{store.name} is there already", "a new folder, or resume=True")
+        specimen = next(iter(self.tests.values())).specimen
+        results: dict[str, HybridResult] = {}
+        for name, planned in self.tests.items():
+            test = replace(planned, specimen=specimen if not results else specimen.released())
+            if watching is not None:
+                watching(name, test)
+            results[name] = _run(test, stores[name], resume)
+            specimen = test.specimen
+            specimen.close()
+            if not results[name].finished:
+                break
+        return ProgrammeResult(results, tuple(self.tests))
+
+
+def _run(test: HybridTest, store: Path | None, resume: bool) -> HybridResult:
+    """Run a test, or do again what is stored of it."""
+    if store is None or not (resume and store.exists()):
+        return test.run(store, resume=resume)
+    known = open_hybrid(store)
+    if not known.description.simulated:
+        raise InputError(
+            f"{store}", "a test on a structure", "a simulated specimen",
+            "A programme on a structure is not resumed: make a new one of the tests that are left.",
+        )  # fmt: skip
+    again = test.run()
+    same = again.steps == known.steps and np.array_equal(again.moves.measured, known.moves.measured)
+    if not same:
+        raise InputError(f"{store}", "it comes out otherwise than before", "the same test and specimen, from the start")
+    return known
