@@ -33,6 +33,7 @@ STANDARD_CHANNELS = {
     "relative_acceleration": ChannelUnit("m/s^2", "m/s^2"),
     "absolute_acceleration": ChannelUnit("m/s^2", "m/s^2"),
     "restoring_force": ChannelUnit("N", "kN"),
+    "moment": ChannelUnit("N*m", "kN*m"),
     "hysteretic_displacement": ChannelUnit("m", "mm"),
     "hysteretic_energy": ChannelUnit("J", "J"),
     "elastic_energy": ChannelUnit("J", "J"),

@@ -17,6 +17,7 @@ from structid.fem.layout import FACADE, Wall
 from structid.fem.loaded_wall import frequencies, loaded
 from structid.fem.mesh import Mesh, mesh_of
 from structid.fem.one_by_one import runs_one_by_one
+from structid.fem.static_wall import BeamedWall, StaticWall
 from structid.fem.wall_channels import WallChannels, Works, check_wall_channels
 from structid.fem.wall_failure import judged, with_rows
 from structid.fem.wall_film import WallFilm
@@ -158,6 +159,25 @@ class MasonryWall(TraceableModel):
             self.characteristic_length,
             values["friction"],
         )
+
+    def static_force(self, theta: Any) -> StaticWall:
+        """Give the wall under a rigid beam in the place of its bars; see `TraceableModel.static_force`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        StaticWall
+            Of as many runs.
+        """
+        return StaticWall(self._beamed, self._law(self._values(theta)), theta.shape[0])
+
+    @cached_property
+    def _beamed(self) -> BeamedWall:
+        return BeamedWall(self.mesh, self.masonry, JOINT_LAWS[self.joint_law])
 
     def traced(self, excitation: Excitation) -> TracedExcitation:
         """Prepare an excitation; see `TraceableModel.traced`.

@@ -48,18 +48,40 @@ class WallState(NamedTuple):
     converged: Any
 
 
-class _Fixed(NamedTuple):
-    """What a step needs that is the same in all steps: parameters of the joints, F, and a₁ D₀."""
+class Fixed(NamedTuple):
+    """What a step needs that is the same in all steps.
+
+    Parameters
+    ----------
+    law : CohesiveLaw
+        Parameters of the joints.
+    compliance : array
+        Blocks of F.
+    dashpots : array, shape (pair, 2, 2, run)
+        a₁ D₀ [N s/m].
+    """
 
     law: CohesiveLaw
     compliance: Any
     dashpots: Any
 
 
-class _Unknown(NamedTuple):
-    """What the jumps of a step depend on: what is fixed, memory, δ_free = V W b, and 2/Δt δ₀ + δ₀′."""
+class Unknown(NamedTuple):
+    """What the jumps of a step depend on.
 
-    fixed: _Fixed
+    Parameters
+    ----------
+    fixed : Fixed
+        What is the same in all steps.
+    memory : array, shape (memory, joint, run)
+        What the joints remember.
+    free : array, shape (jump, run)
+        δ_free = V W b, the jumps without forces of the joints.
+    before : array, shape (jump, run)
+        2/Δt δ₀ + δ₀′.
+    """
+
+    fixed: Fixed
     memory: Any
     free: Any
     before: Any
@@ -111,8 +133,8 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
     squares, two = wall.squares[:, None], 2.0 / dt
     own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
     weights = 1.0 / (two**2 + two * own_damping + squares)
-    fixed = _Fixed(law, wall.compliance(weights), loaded.a_1 * loaded.tangent)
-    solved = _solver(wall, two)
+    fixed = Fixed(law, wall.compliance(weights), loaded.a_1 * loaded.tangent)
+    solved = jump_solver(wall, two)
 
     def step(state: WallState, base: Any) -> WallState:
         pushed = (
@@ -121,7 +143,7 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
             + own_damping * (two * state.q + state.rate)
         )  # fmt: skip
         before = two * state.jumps + state.jump_rate
-        unknown = _Unknown(fixed, state.memory, wall.opening.times(weights * pushed), before)
+        unknown = Unknown(fixed, state.memory, wall.opening.times(weights * pushed), before)
         guess = 3.0 * (state.jumps - state.before) + state.long_before
         jumps, force, going = solved(unknown, lax.stop_gradient(guess), state.converged)
         # What has not converged is nobody's response.
@@ -142,13 +164,25 @@ def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Ca
     return step
 
 
-def _solver(wall: Condensed, two: float) -> Callable[[_Unknown, Any, Any], tuple[Any, Any, Any]]:
+def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tuple[Any, Any, Any]]:
     """Give the solution of δ = δ_free − F g(δ), with its forces and the runs whose iterations are still going on.
 
     Its derivatives are those of the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    two : float
+        2/Δt [1/s]; 0 where nothing moves.
+
+    Returns
+    -------
+    callable
+        ``solved(unknown, guess, going)``: jumps, forces, and the runs that have not converged.
     """
 
-    def forces(unknown: _Unknown, jumps: Any) -> tuple[Any, Any]:
+    def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:
         """Forces g with the dashpots', and their tangent G."""
         fixed = unknown.fixed
         force, tangent = wall.forces(fixed.law, unknown.memory, jumps)
@@ -156,13 +190,13 @@ def _solver(wall: Condensed, two: float) -> Callable[[_Unknown, Any, Any], tuple
         damped = jnp.einsum("gabr,gbr->gar", fixed.dashpots, rate).reshape(jumps.shape)
         return force + damped, tangent + two * fixed.dashpots
 
-    def missed(unknown: _Unknown, jumps: Any) -> Any:
+    def missed(unknown: Unknown, jumps: Any) -> Any:
         return jumps - unknown.free + wall.pattern.times(unknown.fixed.compliance, forces(unknown, jumps)[0])
 
-    def moved(unknown: _Unknown, jumps: Any, right: Any) -> Any:
+    def moved(unknown: Unknown, jumps: Any, right: Any) -> Any:
         return wall.pattern.solve_one_plus(unknown.fixed.compliance, forces(unknown, jumps)[1], right)
 
-    def iterated(unknown: _Unknown, guess: Any, converged: Any) -> tuple[Any, Any]:
+    def iterated(unknown: Unknown, guess: Any, converged: Any) -> tuple[Any, Any]:
         def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
             jumps, going, count = carried
             move = moved(unknown, jumps, missed(unknown, jumps))
@@ -184,7 +218,7 @@ def _solver(wall: Condensed, two: float) -> Callable[[_Unknown, Any, Any], tuple
 
     implicit.defjvp(with_slope)
 
-    def solved(unknown: _Unknown, guess: Any, converged: Any) -> tuple[Any, Any, Any]:
+    def solved(unknown: Unknown, guess: Any, converged: Any) -> tuple[Any, Any, Any]:
         jumps, going = implicit(unknown, guess, converged)
         return jumps, forces(unknown, jumps)[0], going
 

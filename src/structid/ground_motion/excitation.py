@@ -229,6 +229,24 @@ class DisplacementHistory(Excitation):
 
 
 @names_checked
+class RotationHistory(Excitation):
+    """An imposed rotation [rad], beside displacements in a `CombinedExcitation`; the model returns the moment.
+
+    Parameters
+    ----------
+    values : array-like, shape (time,)
+        Rotation [rad].
+    dt : float
+        Time step [s]; it has no effect on a rate-independent model.
+    name, interpolation, lead_in_periods
+        As for `Excitation`.
+    """
+
+    kind = "rotation"
+    unit = "rad"
+
+
+@names_checked
 class CombinedExcitation(Excitation):
     """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
 

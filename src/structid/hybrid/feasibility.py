@@ -153,7 +153,7 @@ def spurious_damping(plan: Plan) -> float:
     return min(float(f.damping_ratios.min(initial=0.0)) for f in found)
 
 
-def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int) -> Feasibility:
+def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int, collapse: str = "") -> Feasibility:
     """Judge a test by a virtual run.
 
     Parameters
@@ -164,6 +164,8 @@ def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int) -> F
         Where the specimen was moved to in the virtual run [m], and its forces [N].
     steps : int
         Coarse steps.
+    collapse : str
+        How the specimen failed in the virtual run; empty where it did not.
 
     Returns
     -------
@@ -187,7 +189,11 @@ def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int) -> F
         steps * plan.joined.dt * plan.time_scale,
         steps,
     )
-    return replace(found, refusals=tuple(_refusals(plan, whole, found)), warnings=tuple(_warnings(plan, found)))
+    return replace(
+        found,
+        refusals=tuple(_refusals(plan, whole, found)),
+        warnings=(*_warnings(plan, found), *filter(None, [collapse])),
+    )
 
 
 def _refusals(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:

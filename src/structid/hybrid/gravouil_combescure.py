@@ -15,8 +15,8 @@ from structid.array_module import namespace
 from structid.errors import names_checked
 from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, FineSteps, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import PartState
-from structid.hybrid.sequence import in_sequence
 from structid.hybrid.substructure import Substructure
+from structid.mechanics.sequence import in_sequence
 
 
 @names_checked

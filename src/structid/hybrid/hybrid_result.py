@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from structid.errors import InputError, names_checked
-from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory
+from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, RotationHistory
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.partitioned_run import CoarseHistory, PartitionedHistories
@@ -22,6 +22,7 @@ from structid.hybrid.tracking import (
     root_mean_square_error,
     tracking_indicator,
 )
+from structid.models.imposed_displacements import force_channels
 from structid.observation import Observation
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
@@ -173,7 +174,7 @@ class HybridResult:
         ----------
         channels : sequence of str, optional
             Names of the forces, one a channel. When left out: ``"restoring_force"`` for one channel, ``"restoring_force_1"``, … for
-            several.
+            several, with ``"moment_3"`` where the third one turns.
         before : sequence of HybridResult
             Tests on the same specimen, in their order.
         sd : float, optional
@@ -197,10 +198,13 @@ class HybridResult:
         way = np.concatenate([test.datum + test.moves.measured for test in tests])
         forces = np.concatenate([test.moves.force for test in tests])
         step, name = float(self.moves.time[1]), ", ".join(test.record.name for test in tests)
-        imposed = [DisplacementHistory(column, step, f"measured in {name}") for column in way.T]
+        units = [channel.unit for channel in self.description.channels]
+        imposed = [
+            (RotationHistory if unit == "rad" else DisplacementHistory)(column, step, f"measured in {name}")
+            for unit, column in zip(units, way.T, strict=True)
+        ]
         excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed)
-        several = tuple(f"restoring_force_{k}" for k in range(1, len(imposed) + 1))
-        names = tuple(channels) or (several if len(imposed) > 1 else ("restoring_force",))
+        names = tuple(channels) or force_channels(units)
         return Observation(excitation, forces, names, name=name, sd=sd)
 
     def __str__(self) -> str:

@@ -24,6 +24,7 @@ from structid.hybrid.result_file import About, save
 from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.specimen_force import Move, SpecimenForce
 from structid.hybrid.substructure import Substructure
+from structid.mechanics.restoring_forces import CollapseError
 
 INTERFACE_SHARE = 0.5
 """Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
@@ -172,12 +173,12 @@ class HybridTest:
         numerical, physical = self._parts
         joined = self._joined(self._force(self.specimen, [])).of_parts(numerical, physical)
         geometry, base = self._geometry, base_of(self.record, joined, self.duration)
-        taken = list(steps_over(joined, joined.start(base[0]), base))
+        taken, collapse = _taken_virtually(joined, base)
         moved = _imposed(joined, taken)
         targets = moved[0] @ geometry.T
         forces = moved[1] @ np.linalg.pinv(geometry)
         plan = Plan(joined, self._description, geometry, self._motion, self.compensation, self.time_scale)
-        return judged(plan, targets, forces, len(taken))
+        return judged(plan, targets, forces, (len(base) - 1) // joined.substeps, collapse)
 
     def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
         """Run the test.
@@ -301,6 +302,17 @@ def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResu
     for path in (journal_of(store), *tails_of(store)):
         path.with_name(path.name + ".before").unlink(missing_ok=True)
     return result
+
+
+def _taken_virtually(joined: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
+    """Steps of a run with the force that is expected of the specimen, and how that failed; empty where it did not."""
+    taken: list[CoarseStep] = []
+    try:
+        for step in steps_over(joined, joined.start(base[0]), base):
+            taken.append(step)
+    except CollapseError as collapse:
+        return taken, f"In the virtual run the specimen fails at {len(taken) * joined.dt:.3g} s: {collapse}."
+    return taken, ""
 
 
 def _imposed(joined: Joined, taken: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:

@@ -161,7 +161,7 @@ class OperatorSplitting:
             At rest: M a = −M ι a_g − r(0).
         """
         part = self.part
-        force, memory = part.force.at(part.force.at_rest(displacement), displacement)
+        force, memory = part.force.begin(displacement)
         acceleration = np.linalg.inv(part.mass) @ (self.load(base, displacement) - force)
         return PartState(displacement, displacement, acceleration, force, displacement, force, memory)
 

@@ -17,8 +17,8 @@ from structid.array_module import namespace
 from structid.errors import InputError, names_checked
 from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, FineSteps, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import Imposing, Link, PartState
-from structid.hybrid.sequence import in_sequence
 from structid.hybrid.substructure import Substructure
+from structid.mechanics.sequence import in_sequence
 
 
 @names_checked

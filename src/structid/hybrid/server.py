@@ -94,8 +94,8 @@ class SpecimenServer:
     watchdog : float
         Silence in a session after which it ends [s].
     releases : bool
-        Whether a simulated specimen is unloaded and zeroed for the next test when a client has closed its session in order. After an
-        error it holds all the same.
+        Whether a simulated specimen is unloaded and zeroed for the next test when a client has closed its session in order. It
+        holds after an error all the same.
     log : callable, optional
         Called with a sentence for everything that happens.
 

@@ -12,6 +12,9 @@ from structid.hybrid.motion import Motion
 from structid.hybrid.specimen import Reading, Specimen, SpecimenError
 from structid.mechanics.restoring_forces import RestoringForce
 
+TARE = 1.0
+"""How long the force at rest is averaged [s] of wall time."""
+
 
 class Move(NamedTuple):
     """One motion of a specimen, and what was read at its end; arrays (channel,).
@@ -72,6 +75,11 @@ class SpecimenForce(RestoringForce):
         if stiffness is not None:
             self._back = np.linalg.pinv(geometry)
 
+    @property
+    def dofs(self) -> int:
+        """Of the physical part."""
+        return int(self.geometry.shape[1])
+
     def at_rest(self, displacement: Any) -> Any:
         """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`.
 
@@ -86,6 +94,21 @@ class SpecimenForce(RestoringForce):
             Empty.
         """
         return ()
+
+    def begin(self, displacement: Any) -> tuple[Any, Any]:
+        """Read the specimen where it is; see `RestoringForce.begin`.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (dof,)
+            Zeros.
+
+        Returns
+        -------
+        tuple
+            The force that was read, and nothing.
+        """
+        return self.at(self.at_rest(displacement), displacement)
 
     def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
         """Move the specimen; see `RestoringForce.at`.
@@ -102,14 +125,14 @@ class SpecimenForce(RestoringForce):
         tuple
             The force that was read, and nothing.
         """
+        if self._at_rest is None:
+            self._at_rest = self._tared()
         target = self.geometry @ displacement
         path = self.motion.path(self._target, target)
         commands = path if self.compensator is None else self.compensator.commands(path)
         reading = self._checked(self.specimen.move(commands, self.motion.averaged))
         if self.compensator is not None:
             self.compensator.observe(commands[-1:], reading.displacement[None])
-        if self._at_rest is None:
-            self._at_rest = reading.force
         self._target, force = target, reading.force - self._at_rest
         if self.moved is not None:
             self.moved(Move(target, commands[-1], reading.displacement, force))
@@ -117,6 +140,12 @@ class SpecimenForce(RestoringForce):
         if self.stiffness is not None:
             restoring = restoring + self.stiffness @ (self._back @ (target - reading.displacement))
         return restoring, memory
+
+    def _tared(self) -> np.ndarray:
+        """Force before the first move, averaged for as long as noise needs: it is a part of every later one."""
+        step = self.specimen.describe().controller_step
+        count = min(max(round(TARE / step), 1), self.specimen.describe().longest_path)
+        return self._checked(self.specimen.move(np.zeros((count, len(self.geometry))), count)).force
 
     @staticmethod
     def _checked(reading: Reading) -> Reading:

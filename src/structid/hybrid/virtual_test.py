@@ -13,11 +13,11 @@ from structid.channels import check_channels
 from structid.device import jnp
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.hybrid.carried_over import CarriedOver
 from structid.hybrid.coupling import CoupledState, Coupling, Joined
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.substructure import Substructure
 from structid.journal import digest
+from structid.mechanics.carried_over import CarriedOver, InPieces
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable
 from structid.probability.space import ParameterSpace
@@ -41,6 +41,8 @@ class VirtualHybridTest(TraceableModel):
         Coarse step Δt [s]; a sample of the record must be a whole number of them.
     coupling : Coupling, optional
         `PrakashHjelmstad` without substeps when left out.
+    pieces : int
+        In which every move of the specimen is done: Runge-Kutta steps of a law of springs.
     way : array-like, shape (place, dof), optional
         Where the specimen was moved to in the tests before, the last place being its zero since then [m]; see `way_of`.
     channels : sequence of str
@@ -66,6 +68,7 @@ class VirtualHybridTest(TraceableModel):
     specimen: TraceableModel
     dt: float
     coupling: Coupling = field(default_factory=PrakashHjelmstad)
+    pieces: int = 10
     way: np.ndarray | None = field(default=None, repr=False)
     channels: tuple[str, ...] = ("displacement_1",)
 
@@ -112,8 +115,8 @@ class VirtualHybridTest(TraceableModel):
         """Both parts, of as many runs as there are rows."""
         force = self.specimen.static_force(theta)
         assert force is not None  # __post_init__ has looked
-        if self.way is not None:
-            force = CarriedOver(force, self.way)
+        way = np.zeros((1, force.dofs)) if self.way is None else self.way
+        force = CarriedOver(InPieces(force, self.pieces), way)
         return self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
 
     # --- response -----------------------------------------------------------------------------------------------
@@ -236,7 +239,7 @@ class VirtualHybridTest(TraceableModel):
         way = np.zeros(0) if self.way is None else np.asarray(self.way)
         return digest(
             "VirtualHybridTest", *matrices, way, self.numerical.force.content_hash, self.specimen.content_hash, self.dt,
-            type(self.coupling).__name__, coupling, self.channels,
+            self.pieces, type(self.coupling).__name__, coupling, self.channels,
         )  # fmt: skip
 
     def __str__(self) -> str:

@@ -32,6 +32,16 @@ class RestoringForce(ABC):
     """
 
     @property
+    @abstractmethod
+    def dofs(self) -> int:
+        """Number of displacements."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of every displacement, ``"m"`` or ``"rad"``."""
+        return ("m",) * self.dofs
+
+    @property
     def largest_move(self) -> float:
         """Longest move that is taken in one piece where a path is followed [m]."""
         return np.inf
@@ -40,6 +50,36 @@ class RestoringForce(ABC):
     def content_hash(self) -> str:
         """Hash of everything that a force depends on."""
         return digest(type(self).__name__, *_arrays_of(self))
+
+    def force_at_rest(self, displacement: Any) -> Any:
+        """Force before the first move, of a load that stands on it; none unless it says otherwise.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros, in the shape of what will come.
+
+        Returns
+        -------
+        array
+            In the same shape [N].
+        """
+        return displacement
+
+    def begin(self, displacement: Any) -> tuple[Any, Any]:
+        """Give the force before the first move, and the memory there.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros, in the shape of what will come.
+
+        Returns
+        -------
+        tuple
+            As `at` gives them. A specimen is read once.
+        """
+        return self.force_at_rest(displacement), self.at_rest(displacement)
 
     @abstractmethod
     def at_rest(self, displacement: Any) -> Any:
@@ -85,6 +125,11 @@ class LinearForce(RestoringForce):
     """
 
     stiffness: np.ndarray
+
+    @property
+    def dofs(self) -> int:
+        """Number of displacements."""
+        return len(self.stiffness)
 
     def at_rest(self, displacement: Any) -> Any:
         """Nothing is remembered; see `RestoringForce.at_rest`.
@@ -162,6 +207,11 @@ class HystereticSprings(RestoringForce):
                     f"{len(rows)} positive numbers, one a spring",
                 )
             object.__setattr__(self, name, values)
+
+    @property
+    def dofs(self) -> int:
+        """Number of displacements."""
+        return int(self.deformations.shape[1])
 
     @property
     def largest_move(self) -> float:

@@ -117,6 +117,9 @@ class BlockPattern:
         """
         if in_rows():
             return block_times.bind(blocks, x, pattern=self)
+        return self._times_densely(blocks, x)
+
+    def _times_densely(self, blocks: Any, x: Any) -> Any:
         return jnp.einsum("rij,jr->ir", self.dense(blocks), x)
 
     def solve_one_plus(self, blocks: Any, diagonal: Any, right: Any) -> Any:
@@ -138,6 +141,9 @@ class BlockPattern:
         """
         if in_rows():
             return block_solve.bind(blocks, diagonal, right, pattern=self)
+        return self._solve_densely(blocks, diagonal, right)
+
+    def _solve_densely(self, blocks: Any, diagonal: Any, right: Any) -> Any:
         product = self.dense(jnp.einsum("bijr,bjkr->bikr", blocks, diagonal[self.columns]))
         return jnp.linalg.solve(jnp.eye(2 * self.size) + product, right.T[:, :, None])[:, :, 0].T
 
@@ -170,6 +176,11 @@ def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
     primitive.def_abstract_eval(shape)
     batching.primitive_batchers[primitive] = directions
 
+
+# Of numbers that are known when code is written.
+sparse_times.def_impl(lambda x, matrix: jnp.asarray(matrix.dense) @ x)
+block_times.def_impl(lambda blocks, x, pattern: pattern._times_densely(blocks, x))
+block_solve.def_impl(lambda blocks, diagonal, right, pattern: pattern._solve_densely(blocks, diagonal, right))
 
 _define(sparse_times, lambda matrix: len(matrix.dense))
 _define(block_times, lambda pattern: 2 * pattern.size)

@@ -10,6 +10,7 @@ import numpy as np
 from jax.extend.core import Literal
 
 from structid.device import jnp
+from structid.mechanics.lanes.block_sparse import AXES
 from structid.mechanics.lanes.operations import Function
 from structid.mechanics.lanes.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, UntranslatableError
 from structid.mechanics.lanes.translation import ALONG_HISTORIES
@@ -72,10 +73,22 @@ def foreign_results(function: Function) -> list[Any]:
 
 def _is_foreign(equation: Any, of_run: set[Any]) -> bool:
     name = equation.primitive.name
+    if equation.primitive in AXES or (name == "while" and _has_code(equation)):
+        return False
     sizes = [int(np.prod(v.aval.shape)) for v in (*equation.invars, *equation.outvars)]
     if name == "gather":
         return equation.invars[1] in of_run or max(sizes) > LARGEST
     return (name not in ARITHMETIC and name not in ARRANGEMENT and name not in REDUCTION) or max(sizes) > LARGEST
+
+
+def _has_code(loop: Any) -> bool:
+    """Whether every operation of a loop of iterations has vector code."""
+    known = {*ARITHMETIC, *ARRANGEMENT, *REDUCTION, *MOVES, "scan", "while", "gather"}
+    inside = [e for part in ("cond_jaxpr", "body_jaxpr") for e in Function.inlined(loop.params[part]).eqns]
+    return all(
+        e.primitive in AXES or (_has_code(e) if e.primitive.name == "while" else e.primitive.name in known)
+        for e in inside
+    )
 
 
 def _needed(function: Function, foreign: set[Any]) -> list[Any]:

@@ -1,0 +1,182 @@
+"""Restoring forces made of others: one that has a past, and one whose moves are done in pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.errors import InputError
+from structid.mechanics.restoring_forces import RestoringForce
+from structid.mechanics.sequence import in_sequence
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedOver(RestoringForce):
+    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end.
+
+    Parameters
+    ----------
+    force : RestoringForce
+        Of the structure as it was at first.
+    way : ndarray, shape (place, dof)
+        Where it was moved to, one after the other; its last place is the new zero [m].
+    """
+
+    force: RestoringForce
+    way: np.ndarray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        way = np.asarray(self.way, dtype=np.float64)
+        if way.ndim != 2 or not len(way) or not np.isfinite(way).all():
+            raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "(place, dof), finite, one or more")
+        object.__setattr__(self, "way", way)
+
+    @property
+    def dofs(self) -> int:
+        """Number of displacements."""
+        return self.force.dofs
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of every displacement; see `RestoringForce.units`."""
+        return self.force.units
+
+    @property
+    def largest_move(self) -> float:
+        """As of the structure; see `RestoringForce.largest_move`."""
+        return self.force.largest_move
+
+    def at_rest(self, displacement: Any) -> Any:
+        """What is remembered at the end of the way; see `RestoringForce.at_rest`.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros.
+
+        Returns
+        -------
+        dict
+            The structure's ``memory``, and the force ``at_zero``.
+        """
+
+        def move(carried: tuple[Any, Any], row: tuple[Any]) -> tuple[tuple[Any, Any], tuple[()]]:
+            force, after = self.force.at(carried[1], self._of(row[0], displacement))
+            return (force, after), ()
+
+        start = 0.0 * displacement, self.force.at_rest(displacement)
+        (at_zero, memory), _ = in_sequence(move, start, (self.way,))
+        return {"memory": memory, "at_zero": at_zero}
+
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Impose a displacement from the new zero; see `RestoringForce.at`.
+
+        Parameters
+        ----------
+        memory : dict
+            As `at_rest` gives it.
+        displacement : array, shape (dof,) or (dof, run)
+            u [m].
+
+        Returns
+        -------
+        tuple
+            The force without that at the new zero [N], and the memory after it.
+        """
+        force, after = self.force.at(memory["memory"], self._of(self.way[-1], displacement))
+        return force - memory["at_zero"], {"memory": after, "at_zero": memory["at_zero"]}
+
+    @staticmethod
+    def _of(place: Any, displacement: Any) -> Any:
+        """A place from the first zero, in the shape of what will come."""
+        return displacement + (place if displacement.ndim == 1 else jax.numpy.asarray(place)[:, None])
+
+
+@dataclass(frozen=True, eq=False)
+class InPieces(RestoringForce):
+    """A structure that is moved straight from place to place, each move in a number of pieces.
+
+    A law of which a move is one Runge-Kutta step follows long moves better so.
+
+    Parameters
+    ----------
+    force : RestoringForce
+        Of the structure.
+    pieces : int
+        Of every move.
+    """
+
+    force: RestoringForce
+    pieces: int
+
+    @property
+    def dofs(self) -> int:
+        """Number of displacements."""
+        return self.force.dofs
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of every displacement; see `RestoringForce.units`."""
+        return self.force.units
+
+    @property
+    def largest_move(self) -> float:
+        """As many times that of the structure; see `RestoringForce.largest_move`."""
+        return self.pieces * self.force.largest_move
+
+    def force_at_rest(self, displacement: Any) -> Any:
+        """As of the structure; see `RestoringForce.force_at_rest`.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros.
+
+        Returns
+        -------
+        array
+            In the same shape [N].
+        """
+        return self.force.force_at_rest(displacement)
+
+    def at_rest(self, displacement: Any) -> Any:
+        """What is remembered before the first move; see `RestoringForce.at_rest`.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros.
+
+        Returns
+        -------
+        dict
+            The structure's ``memory``, and the last ``place``.
+        """
+        return {"memory": self.force.at_rest(displacement), "place": displacement}
+
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Impose a displacement; see `RestoringForce.at`.
+
+        Parameters
+        ----------
+        memory : dict
+            As `at_rest` gives it.
+        displacement : array, shape (dof,) or (dof, run)
+            u [m].
+
+        Returns
+        -------
+        tuple
+            The force there, and the memory after it.
+        """
+        start, move = memory["place"], displacement - memory["place"]
+
+        def piece(carried: tuple[Any, Any], row: tuple[Any]) -> tuple[tuple[Any, Any], tuple[()]]:
+            return self.force.at(carried[1], start + row[0] * move), ()
+
+        shares = (np.arange(1, self.pieces + 1) / self.pieces,)
+        (force, after), _ = in_sequence(piece, (0.0 * displacement, memory["memory"]), shares)
+        return force, {"memory": after, "place": displacement}
