@@ -4,7 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from structid.commands import check, compare, demo, doctor, new, report, run, runs, sbc, serve
+from structid.commands import (
+    check,
+    compare,
+    conformance,
+    demo,
+    doctor,
+    hybrid,
+    new,
+    report,
+    run,
+    runs,
+    sbc,
+    serve,
+    specimen,
+)
 
 COMMANDS: tuple[Callable[..., None], ...] = (
     demo.demo,
@@ -15,6 +29,9 @@ COMMANDS: tuple[Callable[..., None], ...] = (
     sbc.sbc,
     runs.runs,
     serve.serve,
+    hybrid.hybrid,
+    specimen.specimen,
+    conformance.conformance,
     new.new,
     doctor.doctor,
 )

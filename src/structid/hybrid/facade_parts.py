@@ -66,7 +66,7 @@ def facade_parts(
     """Cut a facade at the beam between its storeys.
 
     The upper storey stays linear: its wall with uncracked joints stands on the beam, and keeps the beam's three motions and some of
-    its modes above a beam at rest [Craig & Bampton]. The beam's motions are u_x, u_y, and the rotation about the middle of the wall.
+    its modes above a beam at rest (Craig & Bampton 1968). The beam's motions are u_x, u_y, and the rotation about the middle.
     Damping is Rayleigh's with the lower wall's ratio at modes 1 and 3 of both storeys.
 
     Parameters
@@ -144,7 +144,7 @@ def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndar
     both = [upper.mass.copy(), upper.stiffness.copy()]
     for whole, part in zip(both, (mass, stiffness), strict=True):
         whole[:BEAM, :BEAM] += part
-    return np.sqrt(scipy.linalg.eigh(both[1], both[0], eigvals_only=True))
+    return np.asarray(np.sqrt(scipy.linalg.eigh(both[1], both[0], eigvals_only=True)))
 
 
 def _matrices_on_beam(upper: MasonryWall, roof: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

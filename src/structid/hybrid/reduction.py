@@ -79,7 +79,7 @@ def constraint_modes(stiffness: np.ndarray, kept: Sequence[int]) -> np.ndarray:
         held = stiffness[np.ix_(inner, inner)]
         if np.linalg.cond(held) > 1e14:
             raise InputError("kept", f"{kept}, and what is left can move without force", "enough to hold the part")
-        basis[inner] = -np.linalg.solve(held, stiffness[np.ix_(inner, kept)])
+        basis[inner] = -np.linalg.solve(held, stiffness[np.ix_(inner, np.array(kept))])
     return basis
 
 

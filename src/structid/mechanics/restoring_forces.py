@@ -200,7 +200,11 @@ class HystereticSprings(RestoringForce):
             if isinstance(getattr(self, name), jax.Array):
                 continue  # of many runs, inside JAX, where nothing can be checked
             values = np.atleast_1d(np.asarray(getattr(self, name), dtype=np.float64))
-            if values.shape != (len(rows),) or not (np.isfinite(values).all() and (values > 0.0).all()):
+            if (
+                values.shape[:1] != (len(rows),)
+                or values.ndim > 2
+                or not (np.isfinite(values).all() and (values > 0.0).all())
+            ):
                 raise InputError(
                     f"HystereticSprings.{name}",
                     f"{getattr(self, name)!r}",

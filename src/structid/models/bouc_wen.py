@@ -287,8 +287,8 @@ class BoucWen(TraceableModel):
         """
         values = {n: v if isinstance(v, float) else v[None] for n, v in self._values(theta).items() if v is not None}
         law = Law(**{name: values[name] for name in Law._fields})
-        ones = jnp.ones((1, theta.shape[0]))
-        return HystereticSprings(np.ones((1, 1)), values["stiffness"] * ones, values["mass"] * ones, law)
+        k, m = (np.array([v]) if isinstance(v, float) else v for v in (values["stiffness"], values["mass"]))
+        return HystereticSprings(np.ones((1, 1)), k, m, law)
 
     @property
     def content_hash(self) -> str:

@@ -17,6 +17,7 @@ from structid.models.face import Progress
 from structid.report import section_list
 from structid.report.head import posterior_table, run_table, sentence
 from structid.report.material import PosteriorMaterial, RunsMaterial
+from structid.report.programme_material import ProgrammeMaterial
 from structid.report.section import NEAREST, Picture, Section
 from structid.report.tables import versions_table
 
@@ -147,6 +148,40 @@ def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, f
         sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
         runs=runs,
         sections=_shown(draw(section_list.OF_RUNS, material, folder / "figures"), material, folder),
+        settings=material.settings,
+        run=versions_table(timings),
+    )
+
+
+def write_programme_report(
+    material: ProgrammeMaterial, folder: Path, timings: dict[str, float], progress: Progress | None = None
+) -> Path:
+    """Write ``report.html`` of a programme of hybrid tests.
+
+    Parameters
+    ----------
+    material : ProgrammeMaterial
+        What it leaves.
+    folder : Path
+        Where the page goes.
+    timings : dict of str to float
+        Seconds of every stage.
+    progress : callable, optional
+        Called with the number of figures drawn and the total.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    programme = material.programme
+    return _write(
+        "programme.html",
+        folder,
+        title=material.title,
+        sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which kept its damage.",
+        programme=programme,
+        sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material, folder),
         settings=material.settings,
         run=versions_table(timings),
     )

@@ -6,18 +6,23 @@ from typing import Any
 
 from structid.report.section import Section
 from structid.report.sections import (
+    actuators_followed,
     certificate,
     chain_convergence,
     chance_of_failure,
     deterministic_minima,
     fitted_surrogate,
+    histories_of_floors,
     law_of_the_errors,
+    loops_of_specimen,
     marginals_and_pairs,
     measured_data,
     measured_response,
     other_records,
     parameters_and_passages,
     structure_in_motion,
+    taught_by_tests,
+    tests_of_programme,
     true_runs_of_study,
     whitened_residuals,
 )
@@ -46,3 +51,12 @@ OF_RUNS: tuple[Section[Any], ...] = (
     fitted_surrogate.SECTION,
 )
 """Made of `RunsMaterial`, for a study without a measurement."""
+
+OF_A_PROGRAMME: tuple[Section[Any], ...] = (
+    tests_of_programme.SECTION,
+    loops_of_specimen.SECTION,
+    histories_of_floors.SECTION,
+    actuators_followed.SECTION,
+    taught_by_tests.SECTION,
+)
+"""Made of `ProgrammeMaterial`."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-TEMPLATES = ("bouc_wen", "shear_frame", "facade", "external")
+TEMPLATES = ("bouc_wen", "shear_frame", "facade", "hybrid", "external")
 """Their names."""
 
 SOLVERS = {"external": "external_solver.py"}

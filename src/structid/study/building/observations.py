@@ -24,7 +24,7 @@ from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
-from structid.study.schema.study_file import StudyFile
+from structid.study.schema.study_file import CalibrationFile
 from structid.units import factor_of, si_unit, to_si
 
 
@@ -129,12 +129,12 @@ def _si_unit(section: ObservationSection, where: str) -> str:
         return si_unit(section.unit)
 
 
-def build_discrepancy(file: StudyFile, si_units: Mapping[str, str]) -> ErrorLaw:
+def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> ErrorLaw:
     """Build the law of the difference between model and measurement.
 
     Parameters
     ----------
-    file : StudyFile
+    file : CalibrationFile
         What the file says.
     si_units : mapping of str to str
         SI unit of every measured channel, empty where it is not known.

@@ -12,7 +12,7 @@ from structid.probability.truncation import Marginal
 from structid.study.building.named_kind import kind_named
 from structid.study.kinds import model_list
 from structid.study.schema.static_tables import PriorSection
-from structid.study.schema.study_file import StudyFile
+from structid.study.schema.study_file import CalibrationFile
 from structid.units import factor, factor_of, to_si
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
@@ -68,12 +68,12 @@ def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal
         raise InputError(f"key '{where}': {error.where}", error.came, error.allowed, error.cure) from None
 
 
-def parameter_prior(file: StudyFile, name: str) -> Marginal:
+def parameter_prior(file: CalibrationFile, name: str) -> Marginal:
     """Build the prior of a parameter of the model.
 
     Parameters
     ----------
-    file : StudyFile
+    file : CalibrationFile
         What the file says.
     name : str
         The parameter.
@@ -91,12 +91,12 @@ def parameter_prior(file: StudyFile, name: str) -> Marginal:
     return prior_of(file.parameters[name], f"parameters.{name}", unit)
 
 
-def parameter_space(file: StudyFile) -> ParameterSpace:
+def parameter_space(file: CalibrationFile) -> ParameterSpace:
     """Build the space of the model's unknown parameters.
 
     Parameters
     ----------
-    file : StudyFile
+    file : CalibrationFile
         What the file says.
 
     Returns

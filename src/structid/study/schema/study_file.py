@@ -46,8 +46,8 @@ from structid.surrogates import registry as surrogates
 from structid.surrogates.kind import SurrogateKind
 
 
-class StudyFile(Section):
-    """A whole study."""
+class CalibrationFile(Section):
+    """What every file has that calibrates a model."""
 
     name: str
     title: str = ""
@@ -58,6 +58,13 @@ class StudyFile(Section):
     derived: dict[str, str] = Field(default_factory=dict)
     coordinates: dict[str, str] = Field(default_factory=dict)
     correlation: dict[str, float] = Field(default_factory=dict)
+    discrepancy: DiscrepancySection
+    sampler: SamplerSection
+
+
+class StudyFile(CalibrationFile):
+    """A whole study."""
+
     observation: Annotated[
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
@@ -65,8 +72,6 @@ class StudyFile(Section):
     parameter_study: ParameterStudySection | None = None
     surrogate: SurrogateSection
     calibration: CalibrationSection | None = None
-    discrepancy: DiscrepancySection
-    sampler: SamplerSection
     deterministic: DeterministicSection = DeterministicSection()
     prediction: PredictionSection = PredictionSection()
     fragility: FragilitySection | None = None
@@ -128,11 +133,32 @@ def read_study(path: str | Path) -> StudyFile:
     InputError
         If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
     """
+    return parse_study(study_content(path), str(path))
+
+
+def study_content(path: str | Path) -> dict[str, Any]:
+    """Read the tables of a study file.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file.
+
+    Returns
+    -------
+    dict
+        As TOML gives it.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no TOML.
+    """
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{path}", "there is no such file", "a study file", "Make one with: structid new NAME.")
     try:
-        content = tomllib.loads(study_text(file))
+        return tomllib.loads(study_text(file))
     except tomllib.TOMLDecodeError as cause:
         raise InputError(
             f"{path}",
@@ -140,7 +166,6 @@ def read_study(path: str | Path) -> StudyFile:
             "a TOML file",
             'A text value needs quotes: mass = "12 t". Decimals have a point: 0.5.',
         ) from None
-    return parse_study(content, str(path))
 
 
 def study_text(file: Path) -> str:

@@ -1,0 +1,95 @@
+"""structid hybrid: a programme of hybrid tests from its file to its report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from structid.commands.screen import FAILED, NOT_CONVERGED, WRONG_INPUT, errors, screen, stage
+from structid.commands.secrets_of_specimens import SecretFile, secret_of
+
+if TYPE_CHECKING:
+    from structid.hybrid.remote import RemoteSpecimen
+    from structid.study.programmes.run_programme import ProgrammeOutcome
+
+
+def hybrid(
+    study: Annotated[Path, typer.Argument(help="The file of the programme (TOML).")],
+    out: Annotated[Path | None, typer.Option(help="Folder for everything it makes.")] = None,
+    specimen: Annotated[
+        str, typer.Option(help="Host and port of the specimen's server; the file's simulated one when left out.")
+    ] = "",
+    secret_file: SecretFile = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue with what is in that folder, if it is simulated.")
+    ] = False,
+    only_check: Annotated[
+        bool, typer.Option("--check", help="Say what can work and what cannot; nothing moves.")
+    ] = False,
+) -> None:
+    """Run a programme of hybrid tests: checks, tests on one specimen, what they teach, report."""
+    from structid.study.programmes.run_programme import check_programme, run_programme
+
+    remote = _remote(specimen, secret_file)
+    if only_check:
+        found = check_programme(study, remote)
+        for name, feasibility in found.items():
+            screen.print(f"[bold]test {name}[/]")
+            screen.print(str(feasibility), markup=False, soft_wrap=True)
+        raise typer.Exit(0 if all(each.can_work for each in found.values()) else WRONG_INPUT)
+    if out is None:
+        raise typer.BadParameter("it is missing", param_hint="--out")
+    screen.print(f"[bold]structid[/] {study.name} → {out}")
+    try:
+        outcome = run_programme(
+            study, out, specimen=remote, resume=resume, stage=stage,
+            watching=lambda name, test: screen.print(
+                f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
+            ),
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        errors.print("\nStopped. Every finished step is on disk.", style="yellow")
+        raise typer.Exit(FAILED) from None
+    finish_programme(outcome)
+
+
+def _remote(address: str, secret_file: Path | None) -> RemoteSpecimen | None:
+    if not address:
+        return None
+    from structid.hybrid.remote import RemoteSpecimen
+
+    return RemoteSpecimen(address, secret_of(secret_file))
+
+
+def finish_programme(outcome: ProgrammeOutcome) -> None:
+    """Say what a programme has found. The exit code says whether it came to its end, and whether to believe what was learnt.
+
+    Parameters
+    ----------
+    outcome : ProgrammeOutcome
+        Of the programme.
+    """
+    screen.print()
+    screen.print(str(outcome.programme), markup=False, soft_wrap=True)
+    learnt, trusted = outcome.learnt, True
+    if learnt is not None:
+        verdict = learnt.result.verdict()
+        trusted = verdict.converged
+        screen.print()
+        screen.print(str(learnt.result.summary()), markup=False, soft_wrap=True)
+        screen.print(
+            str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
+        )
+        if (seen := learnt.prediction) is not None:
+            low, high = (1e3 * edge for edge in seen.band)
+            screen.print(
+                f"Largest drift of test {seen.name}: predicted {low:.4g} to {high:.4g} mm (5 to 95 %), measured "
+                f"{1e3 * seen.peak:.4g} mm.", markup=False, soft_wrap=True,
+            )  # fmt: skip
+    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    if not outcome.programme.tests or not next(iter(outcome.programme.tests.values())).steps:
+        raise typer.Exit(FAILED)
+    if not trusted:
+        raise typer.Exit(NOT_CONVERGED)

@@ -1,0 +1,230 @@
+"""Figures of hybrid tests: what the specimen did, how the structure moved, how well the actuators followed, what was predicted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.figures.style import (
+    ACCENT,
+    CYCLE,
+    MEASURED,
+    MODEL,
+    MUTED,
+    canvas,
+    density,
+    finish,
+    name_axes,
+    pretty,
+    pretty_unit,
+    styled,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Curve = tuple[str, np.ndarray, np.ndarray]
+"""Name, abscissae and ordinates."""
+
+
+@styled
+def loops_of_tests(
+    curves: Sequence[Curve],
+    names: tuple[str, str],
+    units: tuple[str, str],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw force against displacement, a panel for each test, all to one scale; the tests before are grey behind it.
+
+    Parameters
+    ----------
+    curves : sequence of Curve
+        For each test its name, displacements and forces.
+    names, units : tuple of str
+        Of displacement and force.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Up to three panels in a row.
+    """
+    columns = min(3, len(curves))
+    rows = -(-len(curves) // columns)
+    figure, axes = canvas(rows, columns, height=2.3, sharex=True, sharey=True)
+    for k, axis in enumerate(axes.ravel()):
+        if k >= len(curves):
+            axis.set_visible(False)
+            continue
+        for _, x, y in curves[:k]:
+            axis.plot(x, y, color=MUTED, lw=0.4)
+        axis.plot(curves[k][1], curves[k][2], color=MEASURED, lw=0.8)
+        axis.set_title(f"test {curves[k][0]}", loc="left")
+        axis.tick_params(labelbottom=k + columns >= len(curves))
+        if k + columns >= len(curves):
+            axis.set_xlabel(f"{names[0]} [{pretty_unit(units[0])}]")
+        if k % columns == 0:
+            axis.set_ylabel(f"{names[1]} [{pretty_unit(units[1])}]")
+    return finish(figure, title, save)
+
+
+@styled
+def histories_of_tests(
+    curves: Sequence[Sequence[Curve]],
+    tests: Sequence[str],
+    unit: str,
+    ends: Sequence[float | None],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw displacements over simulated time, a panel for each test.
+
+    Parameters
+    ----------
+    curves : sequence of sequence of Curve
+        For each test the floors with times and displacements.
+    tests : sequence of str
+        Their names.
+    unit : str
+        Of the displacements.
+    ends : sequence of float or None
+        When a test ended before its time [s].
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel below the other.
+    """
+    figure, axes = canvas(len(tests), 1, height=1.35, sharex=True)
+    for axis, lines, test, end in zip(axes[:, 0], curves, tests, ends, strict=True):
+        for (name, time, values), colour in zip(lines, CYCLE, strict=False):
+            axis.plot(time, values, color=colour, lw=0.8, label=name)
+        if end is not None:
+            axis.axvline(end, color=MODEL, lw=1.0, ls="--")
+        axis.set_title(f"test {test}", loc="left")
+        axis.set_ylabel(f"u [{pretty_unit(unit)}]")
+    axes[0, 0].legend(loc="upper right", ncol=3)
+    axes[-1, 0].set_xlabel("simulated time [s]")
+    return finish(figure, title, save)
+
+
+@styled
+def tracking(
+    plane: Curve,
+    time: np.ndarray,
+    indicator: np.ndarray,
+    energy: np.ndarray,
+    unit: str,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw how an actuator followed: the synchronisation subspace, the area in it, the energy error.
+
+    Parameters
+    ----------
+    plane : Curve
+        Name, targets and measured displacements.
+    time : ndarray, shape (move,)
+        Simulated time [s].
+    indicator : ndarray, shape (move,)
+        Area in the square of the unit; it grows while the actuator lags.
+    energy : ndarray, shape (move,)
+        Energy error [J].
+    unit : str
+        Of the displacements.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Three panels.
+    """
+    figure, axes = canvas(1, 3, height=2.4)
+    left, middle, right = axes[0]
+    left.plot(plane[1], plane[2], color=MEASURED, lw=0.6)
+    span = [float(np.min(plane[1])), float(np.max(plane[1]))]
+    left.plot(span, span, color=MUTED, lw=0.8, ls="--")
+    name_axes(left, ("target", unit), ("measured", unit))
+    middle.plot(time, indicator, color=ACCENT, lw=0.8)
+    name_axes(middle, ("simulated time", "s"), ("tracking indicator", f"{pretty_unit(unit)}²"))
+    right.plot(time, energy, color=ACCENT, lw=0.8)
+    name_axes(right, ("simulated time", "s"), ("energy error", "J"))
+    return finish(figure, title, save)
+
+
+@styled
+def predicted_test(
+    time: np.ndarray,
+    band: tuple[np.ndarray, np.ndarray],
+    happened: Curve,
+    peaks: np.ndarray,
+    peak: float,
+    unit: str,
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what was predicted of a later test, and what then happened.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    band : tuple of ndarray, shape (time,)
+        5 and 95 %.
+    happened : Curve
+        Name, times and displacements.
+    peaks : ndarray, shape (draw,)
+        Predicted largest displacements.
+    peak : float
+        That was measured.
+    unit : str
+        Of all displacements.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Histories, and the peak's distribution.
+    """
+    figure, axes = canvas(1, 2, height=2.6, gridspec_kw={"width_ratios": [2.2, 1.0]})
+    left, right = axes[0]
+    left.plot(happened[1], happened[2], color=MEASURED, lw=0.9, label="happened")
+    left.fill_between(time, *band, color=MODEL, alpha=0.45, lw=0, label="predicted, 5–95 %", zorder=3)
+    low, high = left.get_ylim()
+    left.set_ylim(low, high + 0.25 * (high - low))
+    left.legend(loc="upper right", ncol=2)
+    name_axes(left, ("simulated time", "s"), (happened[0], unit))
+    reach = np.concatenate([peaks, [peak]])
+    margin = 0.15 * np.ptp(reach)
+    points = np.linspace(reach.min() - margin, reach.max() + margin, 400)
+    right.fill_between(points, density(peaks, points, -np.inf, np.inf), color=MODEL, alpha=0.4, lw=0)
+    right.axvline(peak, color=MEASURED, lw=1.2)
+    right.set_yticks([])
+    right.set_xlabel(f"largest {pretty(happened[0])} [{pretty_unit(unit)}]")
+    right.set_ylim(bottom=0.0)
+    right.ticklabel_format(axis="x", useOffset=False)
+    right.xaxis.set_major_locator(_few_ticks())
+    return finish(figure, title, save)
+
+
+def _few_ticks() -> object:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(3)

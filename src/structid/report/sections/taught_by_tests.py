@@ -1,0 +1,83 @@
+"""Section of a programme: what a test has taught of the specimen, and what that says of a later one."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from structid.figures import hybrid as figure
+from structid.figures import loops as loop_figure
+from structid.figures.style import pretty, pretty_unit
+from structid.report.programme_material import BAND, Learnt, ProgrammeMaterial
+from structid.report.section import Drawing, Picture, Section, Table
+from structid.report.tables import number
+from structid.units import label
+
+
+def _words(material: ProgrammeMaterial) -> list[str]:
+    learnt = material.learnt
+    if learnt is None:
+        return []
+    verdict = learnt.result.verdict()
+    said = [
+        f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
+        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). No surrogate was used: these are draws "
+        f"of the model's own posterior. {verdict}"
+    ]
+    if (seen := learnt.prediction) is not None:
+        low, high = (1e3 * edge for edge in seen.band)
+        holds = "holds" if seen.covered else "does not hold"
+        said.append(
+            f"For test {seen.name} a largest displacement of {low:.4g} to {high:.4g} mm was predicted (5 to 95 %); it was "
+            f"{1e3 * seen.peak:.4g} mm. The band {holds} it."
+        )
+    return said
+
+
+def _tables(material: ProgrammeMaterial) -> list[Table]:
+    learnt = material.learnt
+    if learnt is None:
+        return []
+    summary, rows = learnt.result.summary(), []
+    factors = dict(zip(learnt.result.names, learnt.result.target.factors, strict=True))
+    for i, (name, unit) in enumerate(zip(summary.names, summary.units, strict=True)):
+        c = {key: float(column[i]) for key, column in summary.columns.items()}
+        shown = [number(c[key], c["sd"]) for key in ("mean", "q05", "q95")]
+        truth = material.true_values.get(name)
+        known = [] if not material.true_values else ["–" if truth is None else number(truth / factors[name], c["sd"])]
+        rows.append([label(pretty(name), pretty_unit(unit)), shown[0], f"{c['sd']:.2g}", *shown[1:], *known])
+    heads = ["parameter", "mean", "sd", "5 %", "95 %", *(["specimen"] if material.true_values else [])]
+    return [Table("Posterior", (heads, rows))]
+
+
+def _loops(folder: Path, learnt: Learnt) -> Picture:
+    values = np.asarray(learnt.observation.record.values)
+    displacement = 1e3 * (values if values.ndim == 1 else values[:, 0])
+    measured, model = 1e-3 * learnt.observation.values[:, 0], 1e-3 * learnt.fitted[:, 0]
+    loop_figure.loops((displacement, measured), (displacement, model), save=folder / "learnt_loops")
+    return Picture("learnt_loops", f"Loops to the end of test {learnt.from_test}, and of the most probable parameters.")
+
+
+def _prediction(folder: Path, learnt: Learnt) -> Picture:
+    seen = learnt.prediction
+    assert seen is not None
+    low, high = (1e3 * edge for edge in np.quantile(seen.drifts, BAND, axis=0))
+    happened = ("drift", seen.time[: len(seen.happened)], 1e3 * seen.happened)
+    figure.predicted_test(
+        seen.time, (low, high), happened, 1e3 * seen.peaks, 1e3 * seen.peak, "mm", save=folder / "predicted_test"
+    )
+    return Picture(
+        "predicted_test", f"Test {seen.name}: what was predicted from test {learnt.from_test}, and what happened."
+    )
+
+
+def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
+    learnt = material.learnt
+    if learnt is None:
+        return []
+    return [partial(_loops, learnt=learnt), *([partial(_prediction, learnt=learnt)] if learnt.prediction else [])]
+
+
+SECTION: Section[ProgrammeMaterial] = Section("learnt", "What the tests have taught", _drawings, _tables, _words)

@@ -1,0 +1,1 @@
+"""Programmes of hybrid tests, from their file to their report."""

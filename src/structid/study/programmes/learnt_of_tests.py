@@ -1,0 +1,137 @@
+"""What a programme's tests teach of the specimen: a posterior from one of them, and with it the prediction of a later one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.programme import ProgrammeResult
+from structid.hybrid.virtual_test import VirtualHybridTest
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sample import sample
+from structid.models.imposed_displacements import ImposedDisplacements
+from structid.models.traceable import TraceableModel, as_traceable
+from structid.report.programme_material import Learnt, PredictedTest
+from structid.study.building.models import build_model
+from structid.study.building.observations import build_discrepancy
+from structid.study.building.priors import parameter_space
+from structid.study.building.samplers import build_sampler
+from structid.study.programmes.planned_programme import PlannedProgramme
+
+CHAINS = "learnt.h5"
+"""Draws of what was learnt."""
+
+
+def model_to_learn(planned: PlannedProgramme) -> TraceableModel:
+    """Build the model of the specimen.
+
+    Parameters
+    ----------
+    planned : PlannedProgramme
+        With a table [model].
+
+    Returns
+    -------
+    TraceableModel
+        Whose free parameters have priors.
+
+    Raises
+    ------
+    InputError
+        If displacements cannot be imposed on it.
+    """
+    file = planned.file
+    assert file.model is not None  # where it is built, this is checked
+    space, recorded = parameter_space(file), planned.structure.recorded
+    model = as_traceable(build_model(file.model, space, file.derived, recorded, planned.folder), "table 'model'")
+    force = model.static_force(np.ones((1, len(model.free))))
+    if force is None or force.dofs != len(planned.structure.units):
+        allowed = f"a model on which {len(planned.structure.units)} displacements can be imposed"
+        raise InputError("table 'model'", f"a {model.kind_in_words}", allowed)
+    return model
+
+
+def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
+    """Put the posterior together.
+
+    Parameters
+    ----------
+    planned : PlannedProgramme
+        With a table [learning].
+    programme : ProgrammeResult
+        In which that test has run.
+
+    Returns
+    -------
+    Posterior
+        Of the model's parameters, and of those of the law of the errors.
+    """
+    file, model = planned.file, model_to_learn(planned)
+    assert file.learning is not None  # where it is built, this is checked
+    driven = ImposedDisplacements(model, pieces=file.learning.pieces)
+    observation = programme.observation(file.learning.from_test, driven.channels)
+    units = dict(zip(observation.channels, observation.error_units, strict=True))
+    return Posterior(parameter_space(file), driven, observation, build_discrepancy(file, units))
+
+
+def learnt_of(
+    planned: PlannedProgramme, programme: ProgrammeResult, folder: Path, progress: Any = None
+) -> Learnt | None:
+    """Learn from a test, and predict a later one.
+
+    Parameters
+    ----------
+    planned : PlannedProgramme
+        The programme.
+    programme : ProgrammeResult
+        What happened.
+    folder : Path
+        Where the draws are kept.
+    progress : callable, optional
+        Called while it samples.
+
+    Returns
+    -------
+    Learnt or None
+        None where nothing is to be learnt, or the test has not moved the specimen.
+    """
+    learning = planned.file.learning
+    if learning is None or learning.from_test not in programme.tests or not programme.tests[learning.from_test].steps:
+        return None
+    posterior = posterior_of(planned, programme)
+    sampler = build_sampler(planned.file.sampler)
+    result = sample(posterior, sampler, planned.file.seed, folder / CHAINS, progress=progress)
+    of_model = [posterior.names.index(name) for name in posterior.model.free]
+    fitted = posterior.model.simulate(result.map_estimate[None, of_model], posterior.observations[0].record).values[0]
+    prediction = None
+    if learning.predict is not None and learning.predict in programme.tests and programme.tests[learning.predict].steps:
+        draws = result.thinned(learning.draws)[:, of_model]
+        prediction = _predicted(planned, programme, learning.predict, draws)
+    return Learnt(learning.from_test, posterior.observations[0], result, fitted, prediction)
+
+
+def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str, draws: np.ndarray) -> PredictedTest:
+    """A test as draws have it, from where the tests before have left the specimen."""
+    test = planned.test(planned.section_of(name), planned.specimen())
+    numerical, physical = planned.structure.parts(planned.section_of(name).modes)
+    learning = planned.file.learning
+    assert learning is not None  # learnt_of has looked
+    virtual = VirtualHybridTest(
+        numerical, physical, model_to_learn(planned), test.dt, test.coupling, learning.pieces, programme.way_to(name),
+        ("displacement_1",),
+    )  # fmt: skip
+    happened = programme.tests[name].coarse
+    steps = programme.tests[name].feasibility.steps
+    record = _at_steps(test.record, test.dt, steps)
+    drifts = virtual.simulate(draws, record).values[:, :, 0]
+    stood = np.isfinite(drifts).all(axis=1)
+    return PredictedTest(name, record.time, drifts[stood], happened.physical.displacement[:, 0])
+
+
+def _at_steps(record: GroundMotion, dt: float, steps: int) -> GroundMotion:
+    """The part of a record that a test takes, with a sample for each coarse step."""
+    return GroundMotion(record.values_at(np.arange(steps + 1) * dt), dt, name=record.name)

@@ -1,0 +1,222 @@
+"""From the words of a programme's file to tests that are ready to run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from structid.errors import InputError, suggestion, within
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
+from structid.hybrid.coupling import Coupling
+from structid.hybrid.gravouil_combescure import GravouilCombescure
+from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.programme import Programme
+from structid.hybrid.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.specimen import Specimen
+from structid.hybrid.transfer import Actuator, Sensor
+from structid.study.building.models import true_model
+from structid.study.building.named_kind import kind_named
+from structid.study.building.priors import parameter_space
+from structid.study.building.records import load_record
+from structid.study.kinds import model_list
+from structid.study.programmes.programme_file import (
+    CompensationSection,
+    CouplingSection,
+    ProgrammeFile,
+    SensorSection,
+    TestSection,
+)
+from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of
+from structid.study.schema.static_tables import ModelSection
+from structid.units import to_si
+
+
+@dataclass(frozen=True, eq=False)
+class PlannedProgramme:
+    """A programme that is ready to run.
+
+    Parameters
+    ----------
+    file : ProgrammeFile
+        What the file says.
+    folder : Path
+        Where relative paths start.
+    record : GroundMotion
+        Not yet scaled.
+    structure : CutStructure
+        Of two parts.
+    """
+
+    file: ProgrammeFile
+    folder: Path
+    record: GroundMotion
+    structure: CutStructure
+
+    def specimen(self) -> SimulatedSpecimen:
+        """Make the simulated specimen, never moved.
+
+        Returns
+        -------
+        SimulatedSpecimen
+            A new one at every call.
+        """
+        given, structure = self.file.specimen, self.structure
+        model = true_model(given.model, structure.recorded, self.folder)
+        actuators = [self._actuator(unit) for unit in structure.units]
+        with within("table 'specimen'"):
+            return SimulatedSpecimen(
+                force_of(model, len(structure.units)), actuators, channels=structure.channels, units=structure.units,
+                stiffness=structure.parts(1)[1].stiffness, controller_step=given.controller_step, seed=self.file.seed,
+                name=f"{self.file.name}, {model.kind_in_words}", real_time=given.real_time,
+            )  # fmt: skip
+
+    def _actuator(self, unit: str) -> Actuator:
+        """An actuator; where its channel turns, stroke, speed, noise and range of displacements are those of its end, 1 m away."""
+        given = self.file.specimen.actuator
+        settings = {name: getattr(given, name) for name in ("delay", "lag", "stroke", "velocity", "force")}
+        with within("table 'specimen.actuator'"):
+            return Actuator(
+                **settings,
+                displacement_sensor=_sensor(given.displacement_sensor, "m", "specimen.actuator.displacement_sensor"),
+                force_sensor=_sensor(given.force_sensor, "N", "specimen.actuator.force_sensor"),
+            )
+
+    def test(self, section: TestSection, specimen: Specimen) -> HybridTest:
+        """Build a test.
+
+        Parameters
+        ----------
+        section : TestSection
+            What the file says.
+        specimen : Specimen
+            On which.
+
+        Returns
+        -------
+        HybridTest
+            Ready to be checked.
+        """
+        numerical, physical = self.structure.parts(section.modes)
+        record = replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
+        with within(f"test '{section.name}'"):
+            return HybridTest(
+                numerical, specimen, record, dt=self.file.dt, time_scale=section.time_scale, physical=physical,
+                coupling=self.coupling, compensation=_compensation(self.file.compensation), duration=section.duration,
+            )  # fmt: skip
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """Of all tests."""
+        return _coupling(self.file.coupling)
+
+    def programme(self, specimen: Specimen | None = None) -> Programme:
+        """Build all tests.
+
+        Parameters
+        ----------
+        specimen : Specimen, optional
+            The simulated one when left out.
+
+        Returns
+        -------
+        Programme
+            Ready to be checked.
+        """
+        moved = self.specimen() if specimen is None else specimen
+        return Programme({section.name: self.test(section, moved) for section in self.file.test})
+
+    def section_of(self, name: str) -> TestSection:
+        """Find a test.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+
+        Returns
+        -------
+        TestSection
+            Its table.
+        """
+        return next(section for section in self.file.test if section.name == name)
+
+
+def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
+    """Build a programme.
+
+    Parameters
+    ----------
+    file : ProgrammeFile
+        The checked file.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    PlannedProgramme
+        Ready to run.
+
+    Raises
+    ------
+    InputError
+        If its parts do not fit together.
+    """
+    names = [section.name for section in file.test]
+    if len(set(names)) < len(names):
+        raise InputError("key 'test'", f"the names {', '.join(names)}", "each name once")
+    if file.learning is not None:
+        if file.model is None or not file.parameters:
+            raise InputError(
+                "table 'learning'", "neither [model] nor [parameters]", "the model that is learnt, and its priors"
+            )
+        for key in ("from_test", "predict"):
+            name = getattr(file.learning, key)
+            if name is not None and name not in names:
+                raise InputError(f"key 'learning.{key}'", f"'{name}'", ", ".join(names), suggestion(name, names))
+        if file.learning.predict is not None and names.index(file.learning.predict) <= names.index(
+            file.learning.from_test
+        ):
+            raise InputError(
+                "key 'learning.predict'", f"'{file.learning.predict}'", f"a test after {file.learning.from_test}"
+            )
+    record = load_record(file.record, folder, "record")
+    return PlannedProgramme(file, folder, record, cut_structure(file.structure, _expected(file), folder))
+
+
+def _expected(file: ProgrammeFile) -> ModelSection:
+    """What the specimen is expected to be in virtual runs: the model that is learnt at the medians of its priors."""
+    if file.model is None:
+        return file.specimen.model
+    space = parameter_space(file)
+    medians = space.quantile(np.full((1, len(space.names)), 0.5))[0]
+    known = kind_named(file.model.type, model_list.MODELS).keys
+    named = {name: float(value) for name, value in zip(space.names, medians, strict=True) if name in known}
+    return file.model.model_copy(update=named)
+
+
+def _sensor(section: SensorSection, unit: str, where: str) -> Sensor:
+    noise, limit = (None if v is None else to_si(v, unit, f"key '{where}'") for v in (section.noise, section.range))
+    return Sensor(0.0 if noise is None else noise, limit, section.bits)
+
+
+def _coupling(section: CouplingSection) -> Coupling:
+    if section.type == "gravouil_combescure":
+        if section.alpha:
+            raise InputError("key 'coupling.alpha'", f"{section.alpha:g}", "nothing: this coupling has α = 0")
+        return GravouilCombescure(section.substeps, section.fine)
+    return PrakashHjelmstad(section.substeps, section.fine, alpha=section.alpha or 0.0)
+
+
+def _compensation(section: CompensationSection | None) -> Compensation | None:
+    if section is None:
+        return None
+    if section.type == "adaptive_time_series":
+        if section.order is not None:
+            raise InputError("key 'compensation.order'", f"{section.order}", "nothing: it is a polynomial's")
+        return AdaptiveTimeSeries(section.delay)
+    return PolynomialExtrapolation(section.delay, 3 if section.order is None else section.order)

@@ -1,0 +1,207 @@
+"""The file of a programme of hybrid tests: its tables, and how it is read and checked."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+from pydantic import Field, create_model
+
+from structid.fem import wall_kind
+from structid.inference.likelihood import law_list
+from structid.inference.likelihood.law_kind import LawKind
+from structid.inference.sampling import sampler_list
+from structid.inference.sampling.sampler_list import SamplerKind
+from structid.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
+from structid.models.kind import ModelKind
+from structid.study.kinds import model_list
+from structid.study.schema.kinds import discrepancy_section, model_section, sampler_section
+from structid.study.schema.problems import StudyErrors, problem
+from structid.study.schema.static_tables import LARGEST_COUNT, ModelSection, PriorSection
+from structid.study.schema.study_file import CalibrationFile, study_content
+
+Kilograms: Any = quantity("kg")
+Metres: Any = quantity("m")
+Newtons: Any = quantity("N")
+NewtonsPerMetre: Any = quantity("N/m")
+
+
+class ShearFrameSection(Section):
+    """A frame whose lowest storey is the specimen; the storeys above it stay linear."""
+
+    type: Literal["shear_frame"]
+    storeys: int = Field(ge=2, le=100)
+    mass: Kilograms
+    stiffness: Annotated[NewtonsPerMetre, Field(gt=0)]
+    largest_stiffness: Annotated[NewtonsPerMetre, Field(gt=0)] | None = None
+    damping_ratio: Fraction = 0.03
+    share: Annotated[Fraction, Field(gt=0, lt=1)] = 0.5
+
+
+class FacadeSection(Section):
+    """Two storeys of a masonry wall; the lower one is the specimen, the upper one stays linear."""
+
+    type: Literal["facade"]
+    wall: ModelSection
+    floor_mass: Kilograms = 6000.0
+    roof_mass: Kilograms = 6000.0
+    stiffness_margin: Annotated[float, Field(ge=1)] = 1.2
+
+
+class SensorSection(Section):
+    """Noise and quantisation of a sensor; see `Sensor`."""
+
+    noise: float | str = 0.0
+    range: float | str | None = None
+    bits: int = Field(default=16, ge=1, le=32)
+
+
+class ActuatorSection(Section):
+    """An actuator of a simulated specimen, for every channel; see `Actuator`."""
+
+    delay: Seconds = 0.0
+    lag: Seconds = 0.0
+    stroke: Metres | None = None
+    velocity: MetresPerSecond | None = None
+    force: Newtons | None = None
+    displacement_sensor: SensorSection = SensorSection()
+    force_sensor: SensorSection = SensorSection()
+
+
+class SpecimenSection(Section):
+    """A program in the laboratory's place: what it is in truth, and its actuators."""
+
+    model: ModelSection
+    actuator: ActuatorSection = ActuatorSection()
+    controller_step: Seconds = 1e-3
+    real_time: bool = False
+
+
+class CouplingSection(Section):
+    """How both parts move together; see `PrakashHjelmstad` and `GravouilCombescure`."""
+
+    type: Literal["prakash_hjelmstad", "gravouil_combescure"] = "prakash_hjelmstad"
+    substeps: int = Field(default=10, ge=1, le=10_000)
+    fine: Literal["numerical", "physical"] = "numerical"
+    alpha: float | None = None
+
+
+class CompensationSection(Section):
+    """Of the delay of the transfer system; see `PolynomialExtrapolation` and `AdaptiveTimeSeries`."""
+
+    type: Literal["polynomial", "adaptive_time_series"]
+    delay: Seconds
+    order: int | None = None
+
+
+class TestSection(Section):
+    """One test of the programme."""
+
+    __test__ = False
+
+    name: str
+    pga: MetresPerSecondSquared
+    time_scale: Annotated[float, Field(gt=0)]
+    modes: int = Field(default=1, ge=0)
+    duration: Seconds | None = None
+
+
+class LearningSection(Section):
+    """What is learnt of the specimen from one test and those before, and which later test is predicted with it."""
+
+    from_test: str
+    predict: str | None = None
+    draws: int = Field(default=400, ge=50, le=LARGEST_COUNT)
+    pieces: int = Field(default=2, ge=1, le=1000)
+
+
+class ProgrammeFile(CalibrationFile):
+    """A programme of hybrid tests on one specimen."""
+
+    structure: ShearFrameSection | FacadeSection
+    specimen: SpecimenSection
+    dt: Annotated[Seconds, Field(gt=0)]
+    coupling: CouplingSection = CouplingSection()
+    compensation: CompensationSection | None = None
+    test: Annotated[tuple[TestSection, ...], Field(min_length=1)]
+    learning: LearningSection | None = None
+    model: ModelSection | None = None  # type: ignore[assignment]
+    parameters: dict[str, PriorSection] = Field(default_factory=dict)
+
+
+def programme_file() -> type[ProgrammeFile]:
+    """Type of the file of a programme, with the kinds that are registered now.
+
+    Returns
+    -------
+    type
+        A `ProgrammeFile`.
+    """
+    return _programme_file(model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
+
+
+@functools.cache
+def _programme_file(
+    model_kinds: tuple[ModelKind, ...], law_kinds: tuple[LawKind, ...], sampler_kinds: tuple[SamplerKind, ...]
+) -> type[ProgrammeFile]:
+    model: Any = model_section(kind for kind in model_kinds if not kind.is_a_solver)
+    discrepancy: Any = discrepancy_section(law_kinds)
+    sampler: Any = sampler_section(sampler_kinds)
+    specimen: Any = create_model("specimen_section", __base__=SpecimenSection, model=(model, ...))
+    wall: Any = model_section([wall_kind.KIND])
+    facade: Any = create_model("facade_section", __base__=FacadeSection, wall=(wall, ...))
+    structure: Any = Annotated[ShearFrameSection | facade, Field(discriminator="type")]
+    found: type[ProgrammeFile] = create_model(
+        "ProgrammeFile",
+        __base__=ProgrammeFile,
+        structure=(structure, ...),
+        specimen=(specimen, ...),
+        model=(model | None, None),
+        discrepancy=(discrepancy, discrepancy(kind="ar1")),
+        sampler=(sampler, sampler(kind="smc")),
+    )
+    return found
+
+
+def is_programme(content: dict[str, Any]) -> bool:
+    """Say whether a file is that of a programme.
+
+    Parameters
+    ----------
+    content : dict
+        As TOML gives it.
+
+    Returns
+    -------
+    bool
+        By its tables.
+    """
+    return "test" in content or ("specimen" in content and "structure" in content)
+
+
+def read_programme(path: str | Path) -> ProgrammeFile:
+    """Read the file of a programme and check every key.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file.
+
+    Returns
+    -------
+    ProgrammeFile
+        Its content, quantities in SI.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it is no TOML; `StudyErrors` with everything wrong if keys or values are.
+    """
+    content = study_content(path)
+    try:
+        return programme_file().model_validate(content)
+    except pydantic.ValidationError as errors:
+        problems = dict.fromkeys(problem(error, content, programme_file()) for error in errors.errors())
+        raise StudyErrors(str(path), list(problems)) from None

@@ -1,0 +1,197 @@
+"""Run a programme of hybrid tests from its file to its report."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from structid.errors import InputError
+from structid.hybrid.feasibility import Feasibility
+from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.programme import ProgrammeResult, store_of
+from structid.hybrid.result_file import open_hybrid
+from structid.hybrid.specimen import Specimen
+from structid.journal import write_then_rename
+from structid.report.page import write_programme_report
+from structid.report.programme_material import Learnt, ProgrammeMaterial
+from structid.study.folder import INPUTS, POSTERIOR, STUDY, TIMINGS
+from structid.study.programmes.learnt_of_tests import learnt_of, model_to_learn
+from structid.study.programmes.planned_programme import PlannedProgramme, planned
+from structid.study.programmes.programme_file import read_programme
+from structid.study.schema.study_file import study_text
+from structid.study.timings import Stage, Timings, silent
+
+
+@dataclass(frozen=True, eq=False)
+class ProgrammeOutcome:
+    """What a run of a programme leaves.
+
+    Parameters
+    ----------
+    programme : ProgrammeResult
+        The tests.
+    learnt : Learnt or None
+        What they have taught.
+    report : Path
+        The page.
+    """
+
+    programme: ProgrammeResult
+    learnt: Learnt | None
+    report: Path
+
+
+def load_programme(path: str | Path) -> PlannedProgramme:
+    """Read and build a programme.
+
+    Parameters
+    ----------
+    path : path-like
+        Its file.
+
+    Returns
+    -------
+    PlannedProgramme
+        Ready to run.
+    """
+    found = planned(read_programme(path), Path(path).resolve().parent)
+    if found.file.learning is not None:
+        model_to_learn(found)
+    return found
+
+
+def run_programme(
+    path: str | Path,
+    out: str | Path,
+    *,
+    specimen: Specimen | None = None,
+    resume: bool = False,
+    stage: Stage = silent,
+    watching: Callable[[str, HybridTest], None] | None = None,
+) -> ProgrammeOutcome:
+    """Run a programme.
+
+    Parameters
+    ----------
+    path : path-like
+        Its file.
+    out : path-like
+        Folder for everything it makes.
+    specimen : Specimen, optional
+        The simulated one of the file when left out.
+    resume : bool
+        Continue with what is in that folder.
+    stage : callable
+        Opens a progress bar for a named stage.
+    watching : callable, optional
+        Called before every test with its name and the test.
+
+    Returns
+    -------
+    ProgrammeOutcome
+        Tests, posterior, report.
+
+    Raises
+    ------
+    InputError
+        If the file is wrong, a test cannot work, or the folder holds something else; nothing has moved then.
+    """
+    programme, folder = load_programme(path), Path(out)
+    _claim(folder, Path(path), resume)
+    timings = Timings(folder / TIMINGS)
+    with timings.measured("tests"):
+        tests = programme.programme(specimen).run(folder, resume=resume, watching=watching)
+    return _taught(programme, tests, folder, timings, stage)
+
+
+def programme_report_again(folder: str | Path, stage: Stage = silent) -> ProgrammeOutcome:
+    """Write the report again from what is stored.
+
+    Parameters
+    ----------
+    folder : path-like
+        A folder that `run_programme` has filled.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    ProgrammeOutcome
+        The same.
+    """
+    folder = Path(folder)
+    programme = planned(read_programme(folder / STUDY), folder / INPUTS)
+    names = [section.name for section in programme.file.test]
+    tests = {name: open_hybrid(store_of(folder, name)) for name in names if store_of(folder, name).exists()}
+    if not tests:
+        raise InputError(f"{folder}", "no test", "a folder that structid hybrid has filled")
+    return _taught(programme, ProgrammeResult(tests, tuple(names)), folder, Timings(folder / TIMINGS), stage)
+
+
+def check_programme(path: str | Path, specimen: Specimen | None = None) -> dict[str, Feasibility]:
+    """Check every test of a programme; nothing moves.
+
+    Parameters
+    ----------
+    path : path-like
+        Its file.
+    specimen : Specimen, optional
+        The simulated one of the file when left out.
+
+    Returns
+    -------
+    dict of str to Feasibility
+        By the names of the tests.
+    """
+    return load_programme(path).programme(specimen).check()
+
+
+def _taught(
+    programme: PlannedProgramme, tests: ProgrammeResult, folder: Path, timings: Timings, stage: Stage
+) -> ProgrammeOutcome:
+    """Learn from the tests, and write the page."""
+    with stage("learning") as progress, timings.measured("learning"):
+        learnt = learnt_of(programme, tests, folder, progress)
+    if learnt is not None:
+        learnt.result.to_netcdf(folder / POSTERIOR, predictions=False)
+    text = study_text(folder / STUDY)
+    title = programme.file.title or programme.file.name
+    material = ProgrammeMaterial(title, text, tests, learnt, _true_values(programme, tests))
+    with stage("drawing") as progress:
+        page = write_programme_report(material, folder, timings.seconds, progress)
+    return ProgrammeOutcome(tests, learnt, page)
+
+
+def _true_values(programme: PlannedProgramme, tests: ProgrammeResult) -> dict[str, float]:
+    """Parameters of a simulated specimen that is of the kind which is learnt."""
+    file = programme.file
+    simulated = all(test.description.simulated for test in tests.tests.values())
+    if not simulated or file.model is None or file.model.type != file.specimen.model.type:
+        return {}
+    given: dict[str, Any] = file.specimen.model.model_dump()
+    return {name: given[name] for name in file.parameters if isinstance(given.get(name), float)}
+
+
+def _claim(folder: Path, path: Path, resume: bool) -> None:
+    """Take a folder for this programme, or refuse it."""
+    kept, text = folder / STUDY, study_text(path)
+    if kept.is_file():
+        if study_text(kept) != text:
+            raise InputError(f"{folder}", "it holds another programme", "a new folder, or the same file")
+        if not resume:
+            raise InputError(
+                f"{folder}", "it holds this programme already", "a new folder", "Or add --resume to go on."
+            )
+        return
+    if folder.exists() and any(folder.iterdir()):
+        raise InputError(f"{folder}", "it is not empty", "a new or an empty folder")
+    inputs = folder / INPUTS
+    inputs.mkdir(parents=True, exist_ok=True)
+    record = read_programme(path).record.file
+    if record is not None:
+        source, target = path.resolve().parent / record, inputs / record
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(source.read_bytes())
+    write_then_rename(kept, text.encode())

@@ -1,0 +1,193 @@
+"""Structures that a programme can cut in two: what belongs to the computer, and what to the laboratory."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.fem.masonry_wall import MasonryWall
+from structid.fem.static_wall import BEAM
+from structid.hybrid.facade_parts import FloorMasses, facade_parts
+from structid.hybrid.frame_parts import cut_frame
+from structid.hybrid.substructure import Substructure
+from structid.mechanics.carried_over import CarriedOver
+from structid.mechanics.restoring_forces import RestoringForce
+from structid.models.face import Model
+from structid.models.shear_frame import ShearFrame
+from structid.models.traceable import as_traceable
+from structid.study.building.models import true_model
+from structid.study.programmes.programme_file import FacadeSection, ShearFrameSection
+from structid.study.schema.static_tables import ModelSection
+
+
+def force_of(model: Model, dofs: int) -> RestoringForce:
+    """Give the force of a model without free parameters against displacements.
+
+    Parameters
+    ----------
+    model : Model
+        Of a specimen.
+    dofs : int
+        How many displacements the structure imposes on it.
+
+    Returns
+    -------
+    RestoringForce
+        Outside JAX, of one run.
+
+    Raises
+    ------
+    InputError
+        If no such displacements can be imposed on it.
+    """
+    force = as_traceable(model, "key 'specimen.model'").static_force(np.zeros((1, 0)))
+    if force is None or force.dofs != dofs:
+        came = f"a {model.kind_in_words}" + (
+            "" if force is None else f", on which {force.dofs} displacements are imposed"
+        )
+        raise InputError(
+            "key 'specimen.model'", came, f"a model on which {dofs} can be imposed", "Match it to [structure]."
+        )
+    return force
+
+
+class CutStructure(ABC):
+    """A structure of two parts.
+
+    Attributes
+    ----------
+    channels, units : tuple of str
+        Of the specimen.
+    recorded : tuple of str
+        A channel that models of the specimen know, so that they can be built.
+    """
+
+    channels: tuple[str, ...]
+    units: tuple[str, ...]
+    recorded: tuple[str, ...]
+
+    @abstractmethod
+    def parts(self, modes: int) -> tuple[Substructure, Substructure]:
+        """Give numerical and physical part.
+
+        Parameters
+        ----------
+        modes : int
+            Of the numerical part, where it is reduced.
+
+        Returns
+        -------
+        tuple of Substructure
+            The physical one with what is expected of it in a virtual run.
+        """
+
+
+@dataclass(frozen=True)
+class CutFrame(CutStructure):
+    """A shear frame above its lowest storey.
+
+    Parameters
+    ----------
+    section : ShearFrameSection
+        What the file says.
+    expected : Model
+        What the specimen is expected to be.
+    """
+
+    section: ShearFrameSection
+    expected: Model
+    channels = ("drift",)
+    units = ("m",)
+    recorded = ("restoring_force",)
+
+    def parts(self, modes: int) -> tuple[Substructure, Substructure]:
+        """Give numerical and physical part; see `CutStructure.parts`.
+
+        Parameters
+        ----------
+        modes : int
+            Not used.
+
+        Returns
+        -------
+        tuple of Substructure
+            The storeys above, and the lowest one.
+        """
+        given = self.section
+        frame = ShearFrame(
+            storeys=given.storeys, mass=given.mass, stiffness=given.stiffness, damping_ratio=given.damping_ratio,
+            alpha=1.0, beta=0.0, gamma=0.0,
+        )  # fmt: skip
+        upper, lower = cut_frame(frame, 1, interface_share=given.share, linear=True)
+        largest = np.array([[given.largest_stiffness or given.stiffness]])
+        return upper, replace(lower, stiffness=largest, restoring_force=force_of(self.expected, 1))
+
+
+@dataclass(frozen=True)
+class CutFacade(CutStructure):
+    """A facade of two storeys.
+
+    Parameters
+    ----------
+    section : FacadeSection
+        What the file says.
+    expected : Model
+        What the specimen is expected to be.
+    folder : Path
+        Where relative paths start.
+    """
+
+    section: FacadeSection
+    expected: Model
+    folder: Path
+    channels = ("u_x", "u_y", "theta")
+    units = ("m", "m", "rad")
+    recorded = ("drift",)
+
+    def parts(self, modes: int) -> tuple[Substructure, Substructure]:
+        """Give numerical and physical part; see `CutStructure.parts`.
+
+        Parameters
+        ----------
+        modes : int
+            Of the upper storey.
+
+        Returns
+        -------
+        tuple of Substructure
+            The upper and the lower storey.
+        """
+        given = self.section
+        wall = cast(MasonryWall, true_model(given.wall, self.recorded, self.folder))  # the schema allows no other
+        cut = facade_parts(wall, modes=modes, masses=FloorMasses(given.floor_mass, given.roof_mass))
+        expected = CarriedOver(force_of(self.expected, BEAM), np.zeros((1, BEAM)))
+        return cut.upper, replace(
+            cut.lower, stiffness=given.stiffness_margin * cut.lower.stiffness, restoring_force=expected
+        )
+
+
+def cut_structure(section: ShearFrameSection | FacadeSection, expected: ModelSection, folder: Path) -> CutStructure:
+    """Build the structure of a programme.
+
+    Parameters
+    ----------
+    section : ShearFrameSection or FacadeSection
+        Its table.
+    expected : ModelSection
+        What the specimen is expected to be.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    CutStructure
+        Its parts.
+    """
+    if isinstance(section, ShearFrameSection):
+        return CutFrame(section, true_model(expected, CutFrame.recorded, folder))
+    return CutFacade(section, true_model(expected, CutFacade.recorded, folder), folder)
