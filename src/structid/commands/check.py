@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from structid.commands.hybrid import print_checks
 from structid.commands.screen import WRONG_INPUT, screen
 
 if TYPE_CHECKING:
@@ -23,8 +24,14 @@ def check(
     from structid.study.cost import estimate
     from structid.study.echo import quantities_in_si
     from structid.study.plausibility import plausibility
+    from structid.study.programmes.programme_file import is_programme
+    from structid.study.programmes.run_programme import check_programme
     from structid.study.run import load
+    from structid.study.schema.study_file import study_content
 
+    if is_programme(study_content(study)):
+        print_checks(check_programme(study), quantities_in_si(study))
+        return
     built = load(study)
     _describe(built)
     with screen.status("running the model a few times"):

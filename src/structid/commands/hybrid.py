@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +12,7 @@ from structid.commands.screen import FAILED, NOT_CONVERGED, WRONG_INPUT, errors,
 from structid.commands.secrets_of_specimens import SecretFile, secret_of
 
 if TYPE_CHECKING:
+    from structid.hybrid.feasibility import Feasibility
     from structid.hybrid.remote import RemoteSpecimen
     from structid.study.programmes.run_programme import ProgrammeOutcome
 
@@ -30,15 +32,13 @@ def hybrid(
     ] = False,
 ) -> None:
     """Run a programme of hybrid tests: checks, tests on one specimen, what they teach, report."""
+    from structid.study.echo import quantities_in_si
     from structid.study.programmes.run_programme import check_programme, run_programme
 
     remote = _remote(specimen, secret_file)
     if only_check:
-        found = check_programme(study, remote)
-        for name, feasibility in found.items():
-            screen.print(f"[bold]test {name}[/]")
-            screen.print(str(feasibility), markup=False, soft_wrap=True)
-        raise typer.Exit(0 if all(each.can_work for each in found.values()) else WRONG_INPUT)
+        print_checks(check_programme(study, remote), quantities_in_si(study))
+        return
     if out is None:
         raise typer.BadParameter("it is missing", param_hint="--out")
     screen.print(f"[bold]structid[/] {study.name} → {out}")
@@ -53,6 +53,25 @@ def hybrid(
         errors.print("\nStopped. Every finished step is on disk.", style="yellow")
         raise typer.Exit(FAILED) from None
     finish_programme(outcome)
+
+
+def print_checks(found: dict[str, Feasibility], quantities: Sequence[str]) -> None:
+    """Say what is known of every test before anything moves; leave with an exit code where one cannot work.
+
+    Parameters
+    ----------
+    found : dict of str to Feasibility
+        By the names of the tests.
+    quantities : sequence of str
+        What the file was understood to say, a line each.
+    """
+    for line in quantities:
+        screen.print(line, markup=False, soft_wrap=True)
+    for name, feasibility in found.items():
+        screen.print(f"\n[bold]test {name}[/]")
+        screen.print(str(feasibility), markup=False, soft_wrap=True)
+    if not all(each.can_work for each in found.values()):
+        raise typer.Exit(WRONG_INPUT)
 
 
 def _remote(address: str, secret_file: Path | None) -> RemoteSpecimen | None:

@@ -7,11 +7,21 @@ from typing import Annotated
 
 import typer
 
+from structid.commands.hybrid import finish_programme
 from structid.commands.screen import finish, stage
 
 
-def report(folder: Annotated[Path, typer.Argument(help="A folder that structid run has filled.")]) -> None:
+def report(
+    folder: Annotated[Path, typer.Argument(help="A folder that structid run or structid hybrid has filled.")],
+) -> None:
     """Write the report again from what is stored."""
+    from structid.study.folder import STUDY
+    from structid.study.programmes.programme_file import is_programme
+    from structid.study.programmes.run_programme import programme_report_again
     from structid.study.run import report_again
+    from structid.study.schema.study_file import study_content
 
-    finish(report_again(folder, stage))
+    if (folder / STUDY).is_file() and is_programme(study_content(folder / STUDY)):
+        finish_programme(programme_report_again(folder, stage))
+    else:
+        finish(report_again(folder, stage))
