@@ -116,6 +116,34 @@ class Journal:
         """
         return cls(path, _identity_of(Path(path)))
 
+    @staticmethod
+    def entries_after(path: str | os.PathLike[str], place: int) -> tuple[list[dict[str, np.ndarray]], int]:
+        """Read what has been written since, beside the process that writes.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        place : int
+            Where the last reading ended; 0 at first.
+
+        Returns
+        -------
+        tuple of list of dict and int
+            Whole entries, and where this reading ended.
+        """
+        found = []
+        with Path(path).open("rb") as file:
+            file.seek(place or len(_MAGIC))
+            if place == 0 and _read_frame(file) is None:
+                return [], 0
+            end = file.tell()
+            while (payload := _read_frame(file)) is not None:
+                with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
+                    found.append({name: entry[name] for name in entry.files})
+                end = file.tell()
+        return found, end
+
     def remove(self) -> None:
         """Delete the file; the next entry starts a new one."""
         self.path.unlink(missing_ok=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +28,10 @@ def hybrid(
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue with what is in that folder, if it is simulated.")
     ] = False,
+    show: Annotated[
+        bool, typer.Option("--live", help="Serve a page on this machine that shows the tests while they run.")
+    ] = False,
+    live_port: Annotated[int, typer.Option(help="Port of that page.", min=1, max=65535)] = 8765,
     only_check: Annotated[
         bool, typer.Option("--check", help="Say what can work and what cannot; nothing moves.")
     ] = False,
@@ -43,16 +48,27 @@ def hybrid(
         raise typer.BadParameter("it is missing", param_hint="--out")
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     try:
-        outcome = run_programme(
-            study, out, specimen=remote, resume=resume, stage=stage,
-            watching=lambda name, test: screen.print(
-                f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
-            ),
-        )  # fmt: skip
+        with _live(out, live_port) if show else nullcontext():
+            outcome = run_programme(
+                study, out, specimen=remote, resume=resume, stage=stage,
+                watching=lambda name, test: screen.print(
+                    f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
+                ),
+            )  # fmt: skip
     except KeyboardInterrupt:
         errors.print("\nStopped. Every finished step is on disk.", style="yellow")
         raise typer.Exit(FAILED) from None
     finish_programme(outcome)
+
+
+@contextmanager
+def _live(out: Path, port: int) -> Iterator[None]:
+    """Serve the live view, and say where."""
+    from structid.report.live import live
+
+    with live(out, port) as address:
+        screen.print(f"Live view: {address}")
+        yield
 
 
 def print_checks(found: dict[str, Feasibility], quantities: Sequence[str]) -> None:

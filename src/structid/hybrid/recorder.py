@@ -227,6 +227,52 @@ class Recorder:
             path.unlink(missing_ok=True)
 
 
+class Following:
+    """Reads the rows of a test while another process records them; it asks nothing of that process.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there will be.
+
+    Attributes
+    ----------
+    about : dict
+        What the recorder was told about the rows; empty until it is there.
+    count : int
+        Rows that were read so far.
+    """
+
+    def __init__(self, store: Path) -> None:
+        self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
+
+    def new_rows(self) -> np.ndarray:
+        """Read what has come since the last time.
+
+        Returns
+        -------
+        ndarray, shape (row, width)
+            In their order; none where nothing has come, or the recording has been put into its store.
+        """
+        rows: dict[int, np.ndarray] = {}
+        try:
+            entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
+            for entry in entries:
+                if "about" in entry:
+                    self.about = json.loads(entry["about"].tobytes())
+                else:
+                    rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
+            for tail in tails_of(self.store):
+                rows |= {n: np.frombuffer(row, dtype="<f8") for n, row in _rows_left_in(tail) if n not in rows}
+        except FileNotFoundError:
+            pass
+        found = []
+        while self.count in rows:
+            found.append(rows[self.count])
+            self.count += 1
+        return np.stack(found) if found else np.zeros((0, 0))
+
+
 def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
     """Read a recording, also of a process that has died.
 

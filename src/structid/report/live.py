@@ -1,0 +1,162 @@
+"""A page that shows hybrid tests while they run. It is a process of its own and reads their recordings; nothing waits for it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from structid.errors import InputError
+from structid.hybrid.live_points import LivePoints
+from structid.report.page import template
+
+LOOPBACK = "127.0.0.1"
+NICENESS = 10
+"""How far this process steps back behind the test's."""
+PREFIX, SUFFIX = "test_", ".h5"
+
+
+class LiveFolder:
+    """Tests of a programme, as far as they are in its folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._points: dict[str, LivePoints] = {}
+
+    def state(self, test: str, moves: int, steps: int) -> dict[str, Any]:
+        """Say what is going on.
+
+        Parameters
+        ----------
+        test : str
+            Which test the browser shows.
+        moves, steps : int
+            What it knows of it.
+
+        Returns
+        -------
+        dict
+            Names of the tests that have ended, and of the one that runs, with what is new of it.
+        """
+        stores = sorted(self.folder.glob(f"{PREFIX}*{SUFFIX}"), key=lambda path: path.stat().st_mtime)
+        running = sorted(self.folder.glob(f"{PREFIX}*{SUFFIX}.journal"), key=lambda path: path.stat().st_mtime)
+        ended = [path.name.removeprefix(PREFIX).removesuffix(SUFFIX) for path in stores]
+        report = (self.folder / "report.html").exists()
+        if not running:
+            return {"ended": ended, "running": None, "report": report}
+        name = running[-1].name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}.journal")
+        store = self.folder / f"{PREFIX}{name}{SUFFIX}"
+        if name not in self._points:
+            self._points = {name: LivePoints(store)}
+        known = self._points[name]
+        with contextlib.suppress(FileNotFoundError):
+            known.read()
+        new = known.since(*((moves, steps) if test == name else (0, 0)))
+        return {"ended": ended, "running": name, "report": report, **new}
+
+
+def application(folder: Path) -> Any:
+    """Make the application.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+
+    Returns
+    -------
+    starlette.applications.Starlette
+        Read-only, for this machine.
+
+    Raises
+    ------
+    InputError
+        If Starlette is not installed.
+    """
+    try:
+        from starlette.applications import Starlette
+        from starlette.middleware import Middleware
+        from starlette.middleware.trustedhost import TrustedHostMiddleware
+        from starlette.responses import HTMLResponse, JSONResponse
+        from starlette.routing import Route
+    except ImportError:
+        raise InputError(
+            "the live view", "Starlette is not installed", "the extra 'live'", 'pip install "structid[live]"'
+        ) from None
+    tests = LiveFolder(folder)
+    page = template("live.html").render(title=folder.name)
+
+    async def shown(request: Any) -> Any:
+        return HTMLResponse(page)
+
+    async def state(request: Any) -> Any:
+        asked = request.query_params
+        counts = [int(asked[key]) if asked.get(key, "").isdigit() else 0 for key in ("moves", "steps")]
+        return JSONResponse(tests.state(asked.get("test", ""), *counts))
+
+    return Starlette(
+        routes=[Route("/", shown), Route("/state", state)],
+        # A page elsewhere must not read this one by a name that it points here.
+        middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
+    )
+
+
+def serve(folder: Path, port: int) -> None:
+    """Serve the page until killed.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+    port : int
+        On the loopback.
+    """
+    app = application(folder)
+    import uvicorn
+
+    os.nice(NICENESS)
+    uvicorn.run(app, host=LOOPBACK, port=port, log_level="warning")
+
+
+@contextlib.contextmanager
+def live(folder: Path, port: int) -> Iterator[str]:
+    """Serve the page in a process of its own while something goes on here.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+    port : int
+        On the loopback.
+
+    Yields
+    ------
+    str
+        Address of the page.
+
+    Raises
+    ------
+    InputError
+        If what it needs is not installed.
+    """
+    application(folder)
+    child = subprocess.Popen([sys.executable, "-m", __name__, str(folder), str(port)])
+    try:
+        yield f"http://{LOOPBACK}:{port}"
+    finally:
+        child.terminate()
+        child.wait()
+
+
+if __name__ == "__main__":
+    serve(Path(sys.argv[1]), int(sys.argv[2]))
