@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,7 +15,6 @@ from structid.commands.secrets_of_specimens import SecretFile, secret_of
 
 if TYPE_CHECKING:
     from structid.hybrid.feasibility import Feasibility
-    from structid.hybrid.remote import RemoteSpecimen
     from structid.study.programmes.run_programme import ProgrammeOutcome
 
 
@@ -22,7 +22,10 @@ def hybrid(
     study: Annotated[Path, typer.Argument(help="The file of the programme (TOML).")],
     out: Annotated[Path | None, typer.Option(help="Folder for everything it makes.")] = None,
     specimen: Annotated[
-        str, typer.Option(help="Host and port of the specimen's server; the file's simulated one when left out.")
+        str,
+        typer.Option(
+            help="HOST:PORT of the specimen's server, or openfresco://HOST:PORT; the file's simulated one when left out."
+        ),
     ] = "",
     secret_file: SecretFile = None,
     resume: Annotated[
@@ -40,9 +43,9 @@ def hybrid(
     from structid.study.echo import quantities_in_si
     from structid.study.programmes.run_programme import check_programme, run_programme
 
-    remote = _remote(specimen, secret_file)
+    secret = partial(secret_of, secret_file)
     if only_check:
-        print_checks(check_programme(study, remote), quantities_in_si(study))
+        print_checks(check_programme(study, specimen, secret), quantities_in_si(study))
         return
     if out is None:
         raise typer.BadParameter("it is missing", param_hint="--out")
@@ -50,7 +53,7 @@ def hybrid(
     try:
         with _live(out, live_port) if show else nullcontext():
             outcome = run_programme(
-                study, out, specimen=remote, resume=resume, stage=stage,
+                study, out, address=specimen, secret=secret, resume=resume, stage=stage,
                 watching=lambda name, test: screen.print(
                     f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
                 ),
@@ -88,14 +91,6 @@ def print_checks(found: dict[str, Feasibility], quantities: Sequence[str]) -> No
         screen.print(str(feasibility), markup=False, soft_wrap=True)
     if not all(each.can_work for each in found.values()):
         raise typer.Exit(WRONG_INPUT)
-
-
-def _remote(address: str, secret_file: Path | None) -> RemoteSpecimen | None:
-    if not address:
-        return None
-    from structid.hybrid.remote import RemoteSpecimen
-
-    return RemoteSpecimen(address, secret_of(secret_file))
 
 
 def finish_programme(outcome: ProgrammeOutcome) -> None:

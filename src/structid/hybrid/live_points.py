@@ -77,7 +77,8 @@ class LivePoints:
         return {
             "record": about.record.name, "specimen": about.description.name, "planned": about.feasibility.steps,
             "dt": about.frame.dt, "moves": len(self._moves), "steps": len(self._floors), "channels": channels,
-            "time": (np.arange(steps, len(self._floors), thin) * about.frame.dt).tolist(), "floors": self._floors[steps::thin].T.tolist(),
+            "time": (np.arange(steps, len(self._floors), thin) * about.frame.dt).tolist(),
+            "floors": self._floors[steps::thin].T.tolist(),
         }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -14,8 +15,10 @@ from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, Polyn
 from structid.hybrid.coupling import Coupling
 from structid.hybrid.gravouil_combescure import GravouilCombescure
 from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.openfresco import OpenFrescoSpecimen
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.programme import Programme
+from structid.hybrid.remote import RemoteSpecimen
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import Specimen
 from structid.hybrid.transfer import Actuator, Sensor
@@ -34,6 +37,8 @@ from structid.study.programmes.programme_file import (
 from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of
 from structid.study.schema.static_tables import ModelSection
 from structid.units import to_si
+
+OPENFRESCO = "openfresco://"
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +79,27 @@ class PlannedProgramme:
                 stiffness=structure.parts(1)[1].stiffness, controller_step=given.controller_step, seed=self.file.seed,
                 name=f"{self.file.name}, {model.kind_in_words}", real_time=given.real_time,
             )  # fmt: skip
+
+    def laboratory(self, address: str, secret: str | Callable[[], str]) -> Specimen:
+        """Address a specimen elsewhere.
+
+        Parameters
+        ----------
+        address : str
+            Host and port of a specimen's server; or ``"openfresco://HOST:PORT"`` of a site server, which has no authentication and
+            is described by the file's own tables [structure] and [specimen.actuator].
+        secret : str or callable
+            Shared with a specimen's server; asked for where it is needed.
+
+        Returns
+        -------
+        Specimen
+            Not yet moved.
+        """
+        if address.startswith(OPENFRESCO):
+            told = self.specimen().describe().model_copy(update={"simulated": False, "software": "OpenFresco"})
+            return OpenFrescoSpecimen(address.removeprefix(OPENFRESCO), told)
+        return RemoteSpecimen(address, secret if isinstance(secret, str) else secret())
 
     def _actuator(self, unit: str) -> Actuator:
         """An actuator; where its channel turns, stroke, speed, noise and range of displacements are those of its end, 1 m away."""

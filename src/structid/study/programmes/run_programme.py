@@ -12,7 +12,6 @@ from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.programme import ProgrammeResult, store_of
 from structid.hybrid.result_file import open_hybrid
-from structid.hybrid.specimen import Specimen
 from structid.journal import write_then_rename
 from structid.report.page import write_programme_report
 from structid.report.programme_material import Learnt, ProgrammeMaterial
@@ -66,7 +65,8 @@ def run_programme(
     path: str | Path,
     out: str | Path,
     *,
-    specimen: Specimen | None = None,
+    address: str = "",
+    secret: str | Callable[[], str] = "",
     resume: bool = False,
     stage: Stage = silent,
     watching: Callable[[str, HybridTest], None] | None = None,
@@ -79,8 +79,8 @@ def run_programme(
         Its file.
     out : path-like
         Folder for everything it makes.
-    specimen : Specimen, optional
-        The simulated one of the file when left out.
+    address, secret : str
+        Of a specimen elsewhere, see `PlannedProgramme.laboratory`; the simulated one of the file when left out.
     resume : bool
         Continue with what is in that folder.
     stage : callable
@@ -99,6 +99,7 @@ def run_programme(
         If the file is wrong, a test cannot work, or the folder holds something else; nothing has moved then.
     """
     programme, folder = load_programme(path), Path(out)
+    specimen = programme.laboratory(address, secret) if address else None
     _claim(folder, Path(path), resume)
     timings = Timings(folder / TIMINGS)
     with timings.measured("tests"):
@@ -130,22 +131,25 @@ def programme_report_again(folder: str | Path, stage: Stage = silent) -> Program
     return _taught(programme, ProgrammeResult(tests, tuple(names)), folder, Timings(folder / TIMINGS), stage)
 
 
-def check_programme(path: str | Path, specimen: Specimen | None = None) -> dict[str, Feasibility]:
+def check_programme(
+    path: str | Path, address: str = "", secret: str | Callable[[], str] = ""
+) -> dict[str, Feasibility]:
     """Check every test of a programme; nothing moves.
 
     Parameters
     ----------
     path : path-like
         Its file.
-    specimen : Specimen, optional
-        The simulated one of the file when left out.
+    address, secret : str
+        Of a specimen elsewhere; the simulated one of the file when left out.
 
     Returns
     -------
     dict of str to Feasibility
         By the names of the tests.
     """
-    return load_programme(path).programme(specimen).check()
+    programme = load_programme(path)
+    return programme.programme(programme.laboratory(address, secret) if address else None).check()
 
 
 def _taught(
