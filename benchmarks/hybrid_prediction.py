@@ -37,7 +37,7 @@ def virtual_specimen(number: int, law: str) -> ProgrammeFile:
     return programme_file().model_validate(content)
 
 
-def predicted(number: int, law: str) -> list[object]:
+def predicted(number: int, law: str) -> list[str]:
     """Run the tests, learn from #3, and lay the prediction of #5 beside what happened."""
     programme = planned(virtual_specimen(number, law), Path())
     began = time.perf_counter()
@@ -50,7 +50,7 @@ def predicted(number: int, law: str) -> list[object]:
         low, high = (1e3 * edge for edge in seen.band)
         said = "converged" if verdict.converged else "not converged"
         return [
-            number + 1, law, f"{low:.4g}–{high:.4g}", f"{1e3 * seen.peak:.4g}", "inside" if seen.covered else "outside",
+            str(number + 1), law, f"{low:.4g}–{high:.4g}", f"{1e3 * seen.peak:.4g}", "inside" if seen.covered else "outside",
             said + (", doubted" if verdict.doubt else ""), f"{tested - began:.0f}", f"{time.perf_counter() - tested:.0f}",
         ]  # fmt: skip
 
@@ -62,6 +62,7 @@ def main() -> None:
     quick = common.is_quick(__doc__ or "")
     rows = [predicted(number, "ar1") for number in range(1 if quick else SPECIMENS)]
     beside = [] if quick else [predicted(number, "iid") for number in range(3)]
+    common.record_result(NAME, quick=quick, machine=common.machine(), rows=rows, beside=beside)
     inside = sum(row[4] == "inside" for row in rows)
     text = f"""## Hybrid tests: what one teaches of the next
 
@@ -78,7 +79,6 @@ of that test: an error with a memory, which independent errors do not know. Thei
 
 {common.markdown_table(HEADS, beside)}
 """
-    common.record_result(NAME, quick=quick, machine=common.machine(), rows=rows, beside=beside)
     common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
     print(text)
 

@@ -100,3 +100,6 @@ from structid.surrogates.pod.pod_pce import PODPCE as PODPCE
 from structid.surrogates.registry import load_surrogate as load_surrogate
 
 __version__: str
+from structid.hybrid.openfresco import OpenFrescoSpecimen as OpenFrescoSpecimen
+from structid.hybrid.unscented_filter import UnscentedFilter as UnscentedFilter
+from structid.hybrid.updated_springs import UpdatedSprings as UpdatedSprings

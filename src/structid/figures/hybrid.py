@@ -224,6 +224,64 @@ def predicted_test(
     return finish(figure, title, save)
 
 
+@styled
+def filtered_path(
+    names: Sequence[str],
+    units: Sequence[str],
+    starts: Sequence[tuple[str, int]],
+    path: tuple[np.ndarray, np.ndarray, np.ndarray],
+    posterior: dict[str, tuple[float, float]],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw what a filter believed from move to move, beside the posterior.
+
+    Parameters
+    ----------
+    names, units : sequence of str
+        Of the parameters.
+    starts : sequence of tuple of str and int
+        Names of the tests, and their first moves.
+    path : tuple of ndarray, shape (move, parameter)
+        Mean, and both ends of the band of 95 %.
+    posterior : dict of str to tuple of float
+        Band of 95 % by parameter, where there is a posterior.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        A panel for each parameter.
+    """
+    columns = 2 if len(names) > 1 else 1
+    rows = -(-len(names) // columns)
+    figure, axes = canvas(rows, columns, height=1.7, sharex=True)
+    moves = np.arange(len(path[0]))
+    for k, axis in enumerate(axes.ravel()):
+        if k >= len(names):
+            axis.set_visible(False)
+            continue
+        axis.fill_between(moves, path[1][:, k], path[2][:, k], color=ACCENT, alpha=0.3, lw=0)
+        axis.plot(moves, path[0][:, k], color=ACCENT, lw=0.9, label="filter, 95 %")
+        if names[k] in posterior:
+            axis.axhspan(*posterior[names[k]], color=MODEL, alpha=0.6, lw=0.8, label="posterior, 95 %")
+        for name, first in starts:
+            axis.axvline(first, color=MUTED, lw=0.6)
+            if k < columns:
+                axis.text(first, 1.02, f" {name}", transform=axis.get_xaxis_transform(), fontsize=7, color="#5c646d")
+        late = path[0][len(moves) // 20 :, k], path[1][len(moves) // 20 :, k], path[2][len(moves) // 20 :, k]
+        low, high = min(x.min() for x in late), max(x.max() for x in late)
+        axis.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+        axis.set_ylabel(f"{pretty(names[k])} [{pretty_unit(units[k])}]" if units[k] else pretty(names[k]))
+        if k + columns >= len(names):
+            axis.set_xlabel("move")
+    axes[0, 0].legend(loc="best")
+    return finish(figure, title, save)
+
+
 def _few_ticks() -> object:
     from matplotlib.ticker import MaxNLocator
 

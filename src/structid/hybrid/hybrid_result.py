@@ -22,6 +22,7 @@ from structid.hybrid.tracking import (
     root_mean_square_error,
     tracking_indicator,
 )
+from structid.hybrid.unscented_filter import FilteredPath
 from structid.models.imposed_displacements import force_channels
 from structid.observation import Observation
 
@@ -112,6 +113,8 @@ class HybridResult:
         That shook it.
     stiffness_ratio : float
         Largest secant that was seen, over K₀; NaN where nothing moved.
+    online : FilteredPath or None
+        What a filter believed of the specimen while the test ran.
     """
 
     histories: PartitionedHistories | None
@@ -121,6 +124,7 @@ class HybridResult:
     description: SpecimenDescription
     record: GroundMotion
     stiffness_ratio: float
+    online: FilteredPath | None = None
 
     @property
     def steps(self) -> int:

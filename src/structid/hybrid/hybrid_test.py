@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +25,7 @@ from structid.hybrid.result_file import About, save
 from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.specimen_force import Move, SpecimenForce
 from structid.hybrid.substructure import Substructure
+from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.mechanics.restoring_forces import CollapseError
 
 INTERFACE_SHARE = 0.5
@@ -63,6 +65,8 @@ class HybridTest:
     force_correction : bool
         Whether r + K₀ (ũ − u_m) is taken for the force. It is exact for a linear specimen, and adds damping (K₀ − K_t) τ/λ to one
         that has softened.
+    online : UnscentedFilter, optional
+        Follows the parameters of a specimen of one channel while the test runs.
 
     Examples
     --------
@@ -89,10 +93,15 @@ class HybridTest:
     geometry: np.ndarray | None = None
     duration: float | None = None
     force_correction: bool = False
+    online: UnscentedFilter | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.time_scale) and self.time_scale > 0.0):
             raise InputError("HybridTest.time_scale", f"{self.time_scale!r}", "a positive number")
+        if self.online is not None and len(self._description.channels) > 1:
+            raise InputError(
+                "HybridTest.online", f"a filter for {len(self._description.channels)} channels", "one channel"
+            )
         if self.compensation is not None and self.compensation.learns and not self._motion.samples == 1:
             raise InputError(
                 "HybridTest.compensation",
@@ -153,7 +162,19 @@ class HybridTest:
             None if self.compensation is None else self.compensation.begin(len(self._geometry), step, self.time_scale)
         )
         correction = self._parts[1].stiffness if self.force_correction else None
-        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moves.append)
+        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, self._seeing(moves))
+
+    def _seeing(self, moves: list[Move]) -> Callable[[Move], None]:
+        """Keep every move, and show it to the filter."""
+        online = self.online
+        if online is None:
+            return moves.append
+
+        def seen(move: Move) -> None:
+            moves.append(move)
+            online.see(float(move.measured[0]), float(move.force[0]))
+
+        return seen
 
     # --- before and during --------------------------------------------------------------------------------------
 
@@ -218,6 +239,8 @@ class HybridTest:
         """Run also what cannot work; virtual specimens bear it."""
         checked = self.check() if checked is None else checked
         moves: list[Move] = []
+        if self.online is not None:
+            self.online.begin(0.0 if self._description.datum is None else self._description.datum[0])
         joined = self._joined(self._force(self.specimen, moves))
         about = About(
             self._description,
@@ -236,7 +259,8 @@ class HybridTest:
             said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
             warnings.warn(said, StructidWarning, stacklevel=3)
             events.append(Event(result.steps * self.dt, said))
-        result = replace(result, events=tuple(events), stiffness_ratio=stiffer)
+        path = None if self.online is None else self.online.path()
+        result = replace(result, events=tuple(events), stiffness_ratio=stiffer, online=path)
         if recorder is not None and store is not None:
             result = _stored(result, recorder, store)
         return result

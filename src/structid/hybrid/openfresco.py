@@ -10,7 +10,8 @@ What its public sources (OpenFresco 2.8 and OpenSees' GenericClient) put on the 
 
 There is no secret, no sequence number, no checksum, no limit and no time-out in it. This client adds what can be added on its side:
 limits of stroke and velocity that are checked before a command goes out, a time-out for every answer, and a refusal of addresses
-that are not this machine's own. A site server does not notice a connection that is cut: it waits for ever, and holds its last command.
+that are not this machine's own. A site server does not notice a connection that is cut: it waits for ever, and holds its last
+command.
 """
 
 from __future__ import annotations

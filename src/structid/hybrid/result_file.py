@@ -17,6 +17,7 @@ from structid.hybrid.partitioned_run import CoarseHistory, FineHistory, PartHist
 from structid.hybrid.recorder import SCHEMA, journal_of, recorded
 from structid.hybrid.specimen import SpecimenDescription
 from structid.hybrid.specimen_force import Move
+from structid.hybrid.unscented_filter import FilteredPath
 from structid.journal import opened_hdf5, refuse_other_layout
 
 CUT_OFF = "The recording was cut off: its process died. Every finished step is here."
@@ -170,12 +171,16 @@ def save(result: HybridResult, path: Path) -> None:
                 "events": [list(event) for event in result.events],
                 "stiffness_ratio": result.stiffness_ratio,
                 "record": {"dt": result.record.dt, "name": result.record.name},
+                "online": [] if result.online is None else list(result.online.names),
             }
         )
         file["record"] = result.record.values
         _write(file, "moves", result.moves)
         if result.histories is not None:
             _write(file, "histories", result.histories)
+        if result.online is not None:
+            for name in FILTERED:
+                file[f"online/{name}"] = getattr(result.online, name)
     temporary.replace(path)
 
 
@@ -206,6 +211,14 @@ def _read(group: Any, name: str) -> Any:
     if name not in NESTED:
         return found[()]
     return NESTED[name](*(_read(found, field.name) for field in dataclasses.fields(NESTED[name])))
+
+
+FILTERED = ("mean", "low", "high")
+"""Arrays of a filter's path."""
+
+
+def _filtered(file: Any, names: list[str]) -> FilteredPath | None:
+    return FilteredPath(tuple(names), *(file[f"online/{name}"][()] for name in FILTERED)) if names else None
 
 
 def open_hybrid(path: str | Path) -> HybridResult:
@@ -245,4 +258,5 @@ def open_hybrid(path: str | Path) -> HybridResult:
             SpecimenDescription.model_validate(about["description"]),
             GroundMotion(file["record"][()], about["record"]["dt"], name=about["record"]["name"]),
             about["stiffness_ratio"],
+            _filtered(file, about["online"]),
         )

@@ -12,6 +12,7 @@ from structid.report.sections import (
     chance_of_failure,
     deterministic_minima,
     fitted_surrogate,
+    followed_online,
     histories_of_floors,
     law_of_the_errors,
     loops_of_specimen,
@@ -58,5 +59,6 @@ OF_A_PROGRAMME: tuple[Section[Any], ...] = (
     histories_of_floors.SECTION,
     actuators_followed.SECTION,
     taught_by_tests.SECTION,
+    followed_online.SECTION,
 )
 """Made of `ProgrammeMaterial`."""

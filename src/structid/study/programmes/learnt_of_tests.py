@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.programme import ProgrammeResult
 from structid.hybrid.virtual_test import VirtualHybridTest
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.models.imposed_displacements import ImposedDisplacements
-from structid.models.traceable import TraceableModel, as_traceable
 from structid.report.programme_material import Learnt, PredictedTest
-from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy
 from structid.study.building.priors import parameter_space
 from structid.study.building.samplers import build_sampler
@@ -24,35 +21,6 @@ from structid.study.programmes.planned_programme import PlannedProgramme
 
 CHAINS = "learnt.h5"
 """Draws of what was learnt."""
-
-
-def model_to_learn(planned: PlannedProgramme) -> TraceableModel:
-    """Build the model of the specimen.
-
-    Parameters
-    ----------
-    planned : PlannedProgramme
-        With a table [model].
-
-    Returns
-    -------
-    TraceableModel
-        Whose free parameters have priors.
-
-    Raises
-    ------
-    InputError
-        If displacements cannot be imposed on it.
-    """
-    file = planned.file
-    assert file.model is not None  # where it is built, this is checked
-    space, recorded = parameter_space(file), planned.structure.recorded
-    model = as_traceable(build_model(file.model, space, file.derived, recorded, planned.folder), "table 'model'")
-    force = model.static_force(np.ones((1, len(model.free))))
-    if force is None or force.dofs != len(planned.structure.units):
-        allowed = f"a model on which {len(planned.structure.units)} displacements can be imposed"
-        raise InputError("table 'model'", f"a {model.kind_in_words}", allowed)
-    return model
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
@@ -70,7 +38,7 @@ def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Poste
     Posterior
         Of the model's parameters, and of those of the law of the errors.
     """
-    file, model = planned.file, model_to_learn(planned)
+    file, model = planned.file, planned.learnable()
     assert file.learning is not None  # where it is built, this is checked
     driven = ImposedDisplacements(model, pieces=file.learning.pieces)
     observation = programme.observation(file.learning.from_test, driven.channels)
@@ -121,7 +89,7 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
     learning = planned.file.learning
     assert learning is not None  # learnt_of has looked
     virtual = VirtualHybridTest(
-        numerical, physical, model_to_learn(planned), test.dt, test.coupling, learning.pieces, programme.way_to(name),
+        numerical, physical, planned.learnable(), test.dt, test.coupling, learning.pieces, programme.way_to(name),
         ("displacement_1",),
     )  # fmt: skip
     happened = programme.tests[name].coarse

@@ -22,7 +22,9 @@ from structid.hybrid.remote import RemoteSpecimen
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import Specimen
 from structid.hybrid.transfer import Actuator, Sensor
-from structid.study.building.models import true_model
+from structid.hybrid.unscented_filter import UnscentedFilter
+from structid.models.traceable import TraceableModel, as_traceable
+from structid.study.building.models import build_model, true_model
 from structid.study.building.named_kind import kind_named
 from structid.study.building.priors import parameter_space
 from structid.study.building.records import load_record
@@ -154,7 +156,50 @@ class PlannedProgramme:
             Ready to be checked.
         """
         moved = self.specimen() if specimen is None else specimen
-        return Programme({section.name: self.test(section, moved) for section in self.file.test})
+        tests = {section.name: self.test(section, moved) for section in self.file.test}
+        online = self.online()
+        return Programme({name: replace(test, online=online) for name, test in tests.items()})
+
+    def online(self) -> UnscentedFilter | None:
+        """Make the filter that follows the specimen through all tests.
+
+        Returns
+        -------
+        UnscentedFilter or None
+            None where the file asks for none.
+        """
+        asked = self.file.online
+        if asked is None:
+            return None
+        alike = self.structure.alike
+        with within("table 'online'"):
+            return UnscentedFilter(
+                self.learnable(), parameter_space(self.file), asked.force_noise, drift=asked.drift, updates=alike
+            )
+
+    def learnable(self) -> TraceableModel:
+        """Build the model that is learnt.
+
+        Returns
+        -------
+        TraceableModel
+            Whose free parameters have priors.
+
+        Raises
+        ------
+        InputError
+            If there is none, or displacements cannot be imposed on it.
+        """
+        file = self.file
+        if file.model is None or not file.parameters:
+            raise InputError("the file", "neither [model] nor [parameters]", "the model that is learnt, and its priors")
+        space, recorded = parameter_space(file), self.structure.recorded
+        model = as_traceable(build_model(file.model, space, file.derived, recorded, self.folder), "table 'model'")
+        force = model.static_force(np.ones((1, len(model.free))))
+        if force is None or force.dofs != len(self.structure.units):
+            allowed = f"a model on which {len(self.structure.units)} displacements can be imposed"
+            raise InputError("table 'model'", f"a {model.kind_in_words}", allowed)
+        return model
 
     def section_of(self, name: str) -> TestSection:
         """Find a test.
@@ -211,7 +256,8 @@ def planned(file: ProgrammeFile, folder: Path) -> PlannedProgramme:
                 "key 'learning.predict'", f"'{file.learning.predict}'", f"a test after {file.learning.from_test}"
             )
     record = load_record(file.record, folder, "record")
-    return PlannedProgramme(file, folder, record, cut_structure(file.structure, _expected(file), folder))
+    alike = file.online is not None and file.online.update
+    return PlannedProgramme(file, folder, record, cut_structure(file.structure, _expected(file), folder, alike))
 
 
 def _expected(file: ProgrammeFile) -> ModelSection:

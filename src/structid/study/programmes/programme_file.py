@@ -108,6 +108,14 @@ class TestSection(Section):
     duration: Seconds | None = None
 
 
+class OnlineSection(Section):
+    """A filter that follows the parameters of [model] while the tests run; see `UnscentedFilter`."""
+
+    force_noise: Newtons
+    drift: float = Field(default=0.0, ge=0)
+    update: bool = False
+
+
 class LearningSection(Section):
     """What is learnt of the specimen from one test and those before, and which later test is predicted with it."""
 
@@ -126,6 +134,7 @@ class ProgrammeFile(CalibrationFile):
     coupling: CouplingSection = CouplingSection()
     compensation: CompensationSection | None = None
     test: Annotated[tuple[TestSection, ...], Field(min_length=1)]
+    online: OnlineSection | None = None
     learning: LearningSection | None = None
     model: ModelSection | None = None  # type: ignore[assignment]
     parameters: dict[str, PriorSection] = Field(default_factory=dict)

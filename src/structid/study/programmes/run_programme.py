@@ -16,7 +16,7 @@ from structid.journal import write_then_rename
 from structid.report.page import write_programme_report
 from structid.report.programme_material import Learnt, ProgrammeMaterial
 from structid.study.folder import INPUTS, POSTERIOR, STUDY, TIMINGS
-from structid.study.programmes.learnt_of_tests import learnt_of, model_to_learn
+from structid.study.programmes.learnt_of_tests import learnt_of
 from structid.study.programmes.planned_programme import PlannedProgramme, planned
 from structid.study.programmes.programme_file import read_programme
 from structid.study.schema.study_file import study_text
@@ -56,8 +56,8 @@ def load_programme(path: str | Path) -> PlannedProgramme:
         Ready to run.
     """
     found = planned(read_programme(path), Path(path).resolve().parent)
-    if found.file.learning is not None:
-        model_to_learn(found)
+    if found.file.learning is not None or found.file.online is not None:
+        found.learnable()
     return found
 
 

@@ -15,8 +15,9 @@ from structid.fem.static_wall import BEAM
 from structid.hybrid.facade_parts import FloorMasses, facade_parts
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.substructure import Substructure
+from structid.hybrid.updated_springs import UpdatedSprings
 from structid.mechanics.carried_over import CarriedOver
-from structid.mechanics.restoring_forces import RestoringForce
+from structid.mechanics.restoring_forces import HystereticSprings, RestoringForce
 from structid.models.face import Model
 from structid.models.shear_frame import ShearFrame
 from structid.models.traceable import as_traceable
@@ -65,8 +66,11 @@ class CutStructure(ABC):
         Of the specimen.
     recorded : tuple of str
         A channel that models of the specimen know, so that they can be built.
+    alike : UpdatedSprings or None
+        Springs of the numerical part that take over what is learnt of the specimen.
     """
 
+    alike: UpdatedSprings | None = None
     channels: tuple[str, ...]
     units: tuple[str, ...]
     recorded: tuple[str, ...]
@@ -97,10 +101,13 @@ class CutFrame(CutStructure):
         What the file says.
     expected : Model
         What the specimen is expected to be.
+    alike : UpdatedSprings or None
+        Springs of the storeys above, where they are built like the specimen and take over what is learnt of it.
     """
 
     section: ShearFrameSection
     expected: Model
+    alike: UpdatedSprings | None = None
     channels = ("drift",)
     units = ("m",)
     recorded = ("restoring_force",)
@@ -125,6 +132,9 @@ class CutFrame(CutStructure):
         )  # fmt: skip
         upper, lower = cut_frame(frame, 1, interface_share=given.share, linear=True)
         largest = np.array([[given.largest_stiffness or given.stiffness]])
+        if self.alike is not None:
+            factor = (given.largest_stiffness or given.stiffness) / given.stiffness
+            upper = replace(upper, stiffness=factor * upper.stiffness, restoring_force=self.alike)
         return upper, replace(lower, stiffness=largest, restoring_force=force_of(self.expected, 1))
 
 
@@ -171,7 +181,37 @@ class CutFacade(CutStructure):
         )
 
 
-def cut_structure(section: ShearFrameSection | FacadeSection, expected: ModelSection, folder: Path) -> CutStructure:
+def built_alike(section: ShearFrameSection, specimen: RestoringForce) -> UpdatedSprings:
+    """Make springs for the storeys above the specimen that are like it.
+
+    Parameters
+    ----------
+    section : ShearFrameSection
+        Its table.
+    specimen : RestoringForce
+        What is expected of the specimen.
+
+    Returns
+    -------
+    UpdatedSprings
+        From each floor to the next.
+
+    Raises
+    ------
+    InputError
+        If the specimen is no spring.
+    """
+    if not isinstance(specimen, HystereticSprings):
+        raise InputError("key 'online.update'", "true, and a specimen that is no spring", "a law of springs, or false")
+    count = section.storeys - 1
+    between = np.eye(count, section.storeys, k=1) - np.eye(count, section.storeys)
+    stiffness, mass = (np.full(count, float(value[0])) for value in (specimen.stiffness, specimen.mass))
+    return UpdatedSprings(HystereticSprings(between, stiffness, mass, specimen.law))
+
+
+def cut_structure(
+    section: ShearFrameSection | FacadeSection, expected: ModelSection, folder: Path, alike: bool = False
+) -> CutStructure:
     """Build the structure of a programme.
 
     Parameters
@@ -182,6 +222,8 @@ def cut_structure(section: ShearFrameSection | FacadeSection, expected: ModelSec
         What the specimen is expected to be.
     folder : Path
         Where relative paths start.
+    alike : bool
+        Whether the numerical part is built like the specimen, and takes over what is learnt of it while a test runs.
 
     Returns
     -------
@@ -189,5 +231,8 @@ def cut_structure(section: ShearFrameSection | FacadeSection, expected: ModelSec
         Its parts.
     """
     if isinstance(section, ShearFrameSection):
-        return CutFrame(section, true_model(expected, CutFrame.recorded, folder))
+        model = true_model(expected, CutFrame.recorded, folder)
+        return CutFrame(section, model, built_alike(section, force_of(model, 1)) if alike else None)
+    if alike:
+        raise InputError("key 'online.update'", "true for a facade", "false", "Its upper storey stays linear.")
     return CutFacade(section, true_model(expected, CutFacade.recorded, folder), folder)
