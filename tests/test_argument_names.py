@@ -11,8 +11,20 @@ from structid.errors import InputError
 RECORD = si.GroundMotion.synthetic(seed=3).trim(3.0, 5.0)
 
 
-MADE_BY_STRUCTID = ("Certificate", "Design", "ParameterSpace", "Runs", "SamplingResult", "Status", "Term")
-"""Classes of results, and the space, whose arguments have the users' names."""
+MADE_BY_STRUCTID = (
+    *(
+        "Certificate",
+        "Design",
+        "HybridResult",
+        "ParameterSpace",
+        "ProgrammeResult",
+        "Runs",
+        "SamplingResult",
+        "Specimen",
+    ),
+    *("Status", "Term"),
+)
+"""Classes of results, the space, whose arguments have the users' names, and what others implement."""
 CALLED_WITH_NAMES = [
     *(si.GroundMotion.read, si.GroundMotion.synthetic, si.GroundMotion.lowpass, si.GroundMotion.trim),
     *(si.GroundMotion.scale_to_pga, si.GroundMotion.response_spectrum, si.Histories.plot, si.Histories.to_csv),

@@ -67,7 +67,7 @@ def test_a_foreign_file_is_refused(tmp_path):
 def test_a_functions_identity_knows_what_it_uses_of_its_module(tmp_path):
     import importlib.util
 
-    from structid.journal import function_identity
+    from structid.hashing import function_identity
 
     def loaded(text):
         path = tmp_path / "solver.py"
@@ -98,7 +98,7 @@ def test_a_functions_identity_knows_what_it_uses_of_its_module(tmp_path):
 def test_an_identity_does_not_depend_on_what_was_asked_before():
     from functools import cached_property
 
-    from structid.journal import function_identity
+    from structid.hashing import function_identity
 
     class Law:
         k = 3.0
@@ -121,7 +121,7 @@ def test_an_identity_says_what_arrays_of_jax_hold():
     """A log density of JAX closes over its data; ``__slots__`` of compiled classes name what cannot be asked for."""
     import jax.numpy as jnp
 
-    from structid.journal import function_identity
+    from structid.hashing import function_identity
 
     def density_of(data):
         return lambda theta: -((theta - data) ** 2).sum()
@@ -131,7 +131,7 @@ def test_an_identity_says_what_arrays_of_jax_hold():
 
 
 def test_functions_are_known_by_what_they_do():
-    from structid.journal import function_identity
+    from structid.hashing import function_identity
 
     def factory(k):
         return lambda p, j=2: [k * v**j for v in p]

@@ -1,15 +1,12 @@
-"""An append-only journal on disk that survives a kill at any moment, and hashes that identify its content."""
+"""An append-only journal on disk that survives a kill at any moment."""
 
 from __future__ import annotations
 
-import functools
-import hashlib
 import io
 import json
 import os
 import shutil
 import struct
-import types
 import warnings
 import zlib
 from collections.abc import Iterator, Mapping
@@ -324,135 +321,6 @@ def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[s
     """
     plain = json.loads(json.dumps(dict(expected)))
     return sorted(k for k in {*found, *plain} if found.get(k) != plain.get(k))
-
-
-def digest(*parts: Any) -> str:
-    """Short content hash of arrays and of anything that JSON can represent.
-
-    Parameters
-    ----------
-    *parts : ndarray or JSON value
-        The parts to hash, in order.
-
-    Returns
-    -------
-    str
-        Sixteen hexadecimal digits.
-    """
-    sha = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            sha.update(str((part.dtype.str, part.shape)).encode() + np.ascontiguousarray(part).tobytes())
-        else:
-            sha.update(json.dumps(part, sort_keys=True, default=repr).encode())
-    return sha.hexdigest()[:16]
-
-
-def function_identity(function: Any) -> str:
-    """Hash of what a function does, as far as this can be determined.
-
-    The hash covers its code, its defaults, the variables of its closure, and everything that it uses from its own module:
-    other functions and classes, numbers, texts and arrays. Names imported from other modules count by name only.
-
-    Parameters
-    ----------
-    function : callable
-        The function.
-
-    Returns
-    -------
-    str
-        The hash. It is the same in every process, and does not depend on memory addresses.
-    """
-    return digest(_described(function, set()))
-
-
-def _described(value: Any, seen: set[int]) -> Any:
-    """Represent a value by something that JSON can write; `seen` stops recursions."""
-    if isinstance(value, (str, int, float, bool, type(None))):
-        return value
-    if isinstance(value, (bytes, complex)):
-        return repr(value)
-    if id(value) in seen:
-        return getattr(value, "__qualname__", type(value).__qualname__)
-    seen = seen | {id(value)}
-    if isinstance(value, types.FunctionType):
-        return _described_function(value, seen)
-    if isinstance(value, types.MethodType):
-        return [_described(value.__func__, seen), _described(value.__self__, seen)]
-    if isinstance(value, type):
-        members = {k: v for k, v in vars(value).items() if k not in _NOT_BEHAVIOUR}
-        return [value.__qualname__, {k: _described(v, seen) for k, v in sorted(members.items())}]
-    if isinstance(value, types.CodeType):
-        constants = [_described(c, seen) for c in value.co_consts]
-        return [value.co_code.hex(), constants, list(value.co_names), list(value.co_varnames)]
-    if isinstance(value, functools.partial):
-        return [_described(part, seen) for part in (value.func, value.args, value.keywords)]
-    if isinstance(value, (list, tuple)):
-        return [_described(v, seen) for v in value]
-    if isinstance(value, (set, frozenset)):
-        return sorted((_described(v, seen) for v in value), key=repr)
-    if isinstance(value, Mapping):
-        return {str(k): _described(v, seen) for k, v in value.items()}
-    if hasattr(value, "__array__"):  # an array of NumPy or JAX, or a table
-        return digest(np.asarray(value))
-    if isinstance(value, types.ModuleType):
-        return value.__name__
-    return _described_object(value, seen)
-
-
-_NOT_BEHAVIOUR = (
-    "__module__",
-    "__doc__",
-    "__dict__",
-    "__weakref__",
-    "__qualname__",
-    "__firstlineno__",
-    "__static_attributes__",
-)
-"""Members of a class that have no effect on what it does."""
-
-
-def _described_object(value: Any, seen: set[int]) -> Any:
-    """Represent the type and the content of an object; its attribute ``identity``, if it is a text, is used instead."""
-    own = getattr(value, "identity", None)
-    if isinstance(own, str):
-        return own
-    if isinstance(value, property):
-        return [_described(f, seen) for f in (value.fget, value.fset)]
-    inner = next((getattr(value, n) for n in ("__wrapped__", "py_func", "__func__") if hasattr(value, n)), None)
-    if inner is not None:  # a decorated function
-        return [type(value).__qualname__, _described(inner, seen)]
-    if isinstance(value, (types.BuiltinFunctionType, types.MethodDescriptorType, np.ufunc)):
-        return getattr(value, "__qualname__", getattr(value, "__name__", ""))
-    state = dict(getattr(value, "__dict__", {}))
-    for kind in type(value).__mro__:
-        slots = getattr(kind, "__slots__", ())
-        for name in (slots,) if isinstance(slots, str) else slots:
-            if name not in _NOT_BEHAVIOUR and hasattr(value, name):
-                state[name] = getattr(value, name)
-    # Whether a cached property is stored depends on earlier calls, and it holds no new information.
-    state = {k: v for k, v in state.items() if not isinstance(getattr(type(value), k, None), functools.cached_property)}
-    described = {k: _described(v, seen) for k, v in sorted(state.items())}
-    return [_described(type(value), seen) if "__call__" in vars(type(value)) else type(value).__qualname__, described]
-
-
-def _described_function(function: types.FunctionType, seen: set[int]) -> Any:
-    home = function.__globals__
-    used = {name: home[name] for name in sorted(_names_in(function.__code__)) if name in home}
-    own = {name: v for name, v in used.items() if getattr(v, "__module__", home["__name__"]) == home["__name__"]}
-    foreign = {name: getattr(v, "__qualname__", type(v).__qualname__) for name, v in used.items() if name not in own}
-    closure = [_described(cell.cell_contents, seen) for cell in function.__closure__ or ()]
-    defaults = [_described(v, seen) for v in (function.__defaults__ or ())]
-    keywords = {k: _described(v, seen) for k, v in (function.__kwdefaults__ or {}).items()}
-    globals_used = {name: _described(v, seen) for name, v in own.items()}
-    return [_described(function.__code__, seen), closure, defaults, keywords, globals_used, foreign]
-
-
-def _names_in(code: types.CodeType) -> set[str]:
-    """Global names that a piece of code may use, including the functions inside it."""
-    inner = [_names_in(c) for c in code.co_consts if isinstance(c, types.CodeType)]
-    return set(code.co_names).union(*inner)
 
 
 def _frame(payload: bytes) -> bytes:

@@ -15,7 +15,7 @@ from structid.device import jnp
 from structid.errors import InputError, check_choice, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
-from structid.journal import digest
+from structid.hashing import digest
 from structid.probability.truncation import Marginal
 
 NUISANCES = ("gain", "offset", "time_shift")

@@ -1,6 +1,7 @@
 """A UM-Bridge server of waves, in a process of its own, started once for all tests of a process that ask for it."""
 
 import atexit
+import contextlib
 import functools
 import socket
 import subprocess
@@ -53,3 +54,22 @@ def serving_waves():
     atexit.register(process.kill)
     assert names == ["wave"]
     return f"http://127.0.0.1:{port}"
+
+
+@contextlib.contextmanager
+def listening(arguments, port):
+    """Run a server in a process of its own, from where it listens to the end of the context."""
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        deadline = time.monotonic() + 90
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port), 0.5).close()
+                break
+            except OSError:
+                assert time.monotonic() < deadline and process.poll() is None
+                time.sleep(0.1)
+        yield process
+    finally:
+        process.kill()
+        process.wait()

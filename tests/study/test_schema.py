@@ -23,7 +23,7 @@ def small(tmp_path):
     return path
 
 
-@pytest.mark.parametrize("name", packaged.TEMPLATES)
+@pytest.mark.parametrize("name", packaged.STUDIES)
 def test_every_packaged_study_builds(name, tmp_path):
     content = tomllib.loads(packaged.template(name))
     if name in packaged.SOLVERS:

@@ -19,6 +19,7 @@ from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status, names_checked
+from structid.hashing import digest
 from structid.inference.assessment.certificate import Certificate, StoredRuns, certify
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
@@ -28,7 +29,7 @@ from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
-from structid.journal import Journal, digest
+from structid.journal import Journal
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
 from structid.observation import Observation

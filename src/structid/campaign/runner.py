@@ -16,7 +16,7 @@ from structid.campaign.run_file import Header
 from structid.campaign.store import MemoryStore, RunStore, open_runs
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError, names_checked
 from structid.ground_motion.excitation import Excitation, check_signals_alike
-from structid.journal import digest
+from structid.hashing import digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model
 from structid.probability.designs import Design

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from structid.commands.screen import FAILED, errors, finish, screen, stage
+from structid.errors import InputError
 
 
 def run(
@@ -51,8 +52,14 @@ def run_on_screen(
         See `run`.
     """
     from structid.study.plausibility import plausibility
+    from structid.study.programmes.programme_file import is_programme
     from structid.study.run import load, run_study
+    from structid.study.schema.study_file import study_content
 
+    if is_programme(study_content(study)):
+        raise InputError(
+            f"{study}", "a programme of hybrid tests", "a study", f"Run it with: structid hybrid {study} --out {out}"
+        )
     screen.print(f"[bold]structid[/] {study.name} → {out}")
     built = load(study)
     if built.model.batched and not resume:  # one run; a solver's is left to structid check

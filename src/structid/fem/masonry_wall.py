@@ -25,8 +25,8 @@ from structid.fem.wall_motion import WallState, start, stepping
 from structid.fem.wall_parameters import OPTIONAL, PARAMETER_UNITS, check_priors_of, check_value
 from structid.fem.wall_pictures import drawn_mesh, pictures_of
 from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.hashing import digest
 from structid.histories import Histories
-from structid.journal import digest
 from structid.mechanics.cohesive_laws import JOINT_LAWS, CohesiveLaw, cohesive_law
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.face import Map, Progress

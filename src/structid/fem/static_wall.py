@@ -125,6 +125,9 @@ class StaticWall(RestoringForce):
         Their number.
     farthest : float
         Longest move that is taken in one piece [m].
+
+    Attributes
+    ----------
     compliances : list of array
         Blocks of F = V W Vᵀ, by ε.
     """

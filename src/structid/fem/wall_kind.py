@@ -84,4 +84,5 @@ KIND = ModelKind(
     build=_built,
     parameters=lambda given: PARAMETER_UNITS,
     parameter_unit=lambda name, given, unknown: PARAMETER_UNITS.get(name),
+    moved_channel="drift",
 )

@@ -11,7 +11,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError, check_choice, names_checked
-from structid.journal import digest
+from structid.hashing import digest
 
 
 def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, float]:

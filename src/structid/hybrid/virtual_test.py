@@ -13,10 +13,10 @@ from structid.channels import check_channels
 from structid.device import jnp
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.hashing import digest
 from structid.hybrid.coupling import CoupledState, Coupling, Joined
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.substructure import Substructure
-from structid.journal import digest
 from structid.mechanics.carried_over import CarriedOver, InPieces
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable

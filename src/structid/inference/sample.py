@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from structid.errors import InputError, names_checked
+from structid.hashing import digest
 from structid.inference.sampling.chain_store import ChainStore
 from structid.inference.sampling.ensemble import AIES
 from structid.inference.sampling.sampler import Block, Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
-from structid.journal import digest
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Progress
 from structid.streams import Purpose, derived_seed

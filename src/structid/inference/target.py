@@ -12,7 +12,7 @@ import numpy as np
 
 from structid.device import over_runs
 from structid.errors import InputError, check_choice, names_checked
-from structid.journal import digest, function_identity
+from structid.hashing import digest, function_identity
 from structid.probability.bijections import Bijection
 from structid.probability.space import ParameterSpace
 

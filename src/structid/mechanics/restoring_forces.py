@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.array_module import namespace
 from structid.errors import InputError, StructidError, names_checked
-from structid.journal import digest
+from structid.hashing import digest
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.moved_springs import moved
 

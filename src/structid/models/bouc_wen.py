@@ -15,7 +15,7 @@ from structid.channels import check_channels
 from structid.device import jnp
 from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.journal import digest
+from structid.hashing import digest
 from structid.keys import quantity
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.restoring_forces import HystereticSprings
@@ -428,4 +428,5 @@ KIND = ModelKind(
     parameters=lambda given: PARAMETER_UNITS,
     parameter_unit=parameter_unit,
     check=refuse_units_of_shapes,
+    moved_channel="restoring_force",
 )

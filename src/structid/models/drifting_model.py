@@ -11,7 +11,7 @@ from structid.channels import ChannelUnit
 from structid.device import jnp
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest
+from structid.hashing import digest
 from structid.mechanics.time_loop import State, TimeLoop
 from structid.models.face import Model
 from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable

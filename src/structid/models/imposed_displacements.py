@@ -11,7 +11,7 @@ from structid.channels import check_channels
 from structid.device import jnp
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, Excitation, RotationHistory
-from structid.journal import digest
+from structid.hashing import digest
 from structid.mechanics.carried_over import InPieces
 from structid.mechanics.restoring_forces import RestoringForce
 from structid.mechanics.time_loop import TimeLoop

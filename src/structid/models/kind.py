@@ -58,6 +58,8 @@ class ModelKind:
         Parameters that a message lists, best those of a single spring or storey. When empty, all that the model knows.
     note : str
         What such a list ends with.
+    moved_channel : str
+        A channel with which it can be built where displacements are imposed on its structure; empty where none can be.
     """
 
     word: str
@@ -68,6 +70,7 @@ class ModelKind:
     check: Callable[[Any], Any] | None = None
     named_in_messages: tuple[str, ...] = ()
     note: str = ""
+    moved_channel: str = ""
 
     @property
     def is_a_solver(self) -> bool:

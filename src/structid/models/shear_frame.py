@@ -12,7 +12,7 @@ from structid.channels import check_channels
 from structid.device import jnp
 from structid.errors import InputError, check_choice, names_checked
 from structid.ground_motion.excitation import Excitation, check_one_signal
-from structid.journal import digest
+from structid.hashing import digest
 from structid.keys import Fraction, quantity
 from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.mechanics.time_loop import TimeLoop

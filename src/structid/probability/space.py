@@ -10,7 +10,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError, names_checked, suggestion
-from structid.journal import digest, function_identity
+from structid.hashing import digest, function_identity
 from structid.notebook import ShownAsText
 from structid.probability import copula
 from structid.probability.bijections import Bijection

@@ -13,10 +13,11 @@ import scipy
 
 from structid.errors import InputError, Status, names_checked
 from structid.ground_motion.record import GroundMotion
+from structid.hashing import digest
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.assessment.prediction import Predictor
 from structid.inference.likelihood.posterior import Posterior
-from structid.journal import Journal, digest
+from structid.journal import Journal
 from structid.models.face import Model, Progress
 from structid.notebook import ShownAsText
 from structid.reliability.corrected_share import corrected_share

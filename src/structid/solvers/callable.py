@@ -9,7 +9,7 @@ from typing import Any
 
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest, function_identity
+from structid.hashing import digest, function_identity
 from structid.solvers.external import ExternalModel
 from structid.solvers.protocol import Task
 

@@ -14,8 +14,8 @@ import numpy as np
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
+from structid.hashing import digest
 from structid.histories import Histories
-from structid.journal import digest
 from structid.models.face import Map, Model, Progress
 from structid.solvers.guard import attempt, packed
 from structid.solvers.protocol import Task

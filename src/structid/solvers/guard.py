@@ -17,7 +17,7 @@ import numpy as np
 
 from structid.errors import CampaignStoppedError, InputError, Status
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest
+from structid.hashing import digest
 from structid.reasons import with_words
 from structid.solvers.protocol import STANDARD_OUTPUT, Outcome, Solver, SolverError, StructureFailedError, Task
 from structid.solvers.returned import failed, judged

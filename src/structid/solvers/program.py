@@ -21,7 +21,7 @@ import numpy as np
 from structid.channels import declared_unit
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest
+from structid.hashing import digest
 from structid.reasons import with_words
 from structid.solvers.external import ExternalModel
 from structid.solvers.keeper import ended_by

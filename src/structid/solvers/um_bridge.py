@@ -17,7 +17,7 @@ import numpy as np
 
 from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest
+from structid.hashing import digest
 from structid.models.face import Model
 from structid.models.traceable import as_traceable
 from structid.solvers.external import ExternalModel

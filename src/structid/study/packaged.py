@@ -4,8 +4,14 @@ from __future__ import annotations
 
 from importlib import resources
 
-TEMPLATES = ("bouc_wen", "shear_frame", "facade", "hybrid", "external")
-"""Their names."""
+STUDIES = ("bouc_wen", "shear_frame", "facade", "external")
+"""Calibrations, for structid run."""
+
+PROGRAMMES = ("hybrid",)
+"""Programmes of hybrid tests, for structid hybrid."""
+
+TEMPLATES = (*STUDIES, *PROGRAMMES)
+"""All names."""
 
 SOLVERS = {"external": "external_solver.py"}
 """Files that a packaged study needs beside it."""

@@ -16,8 +16,8 @@ import numpy as np
 from structid.array_module import namespace
 from structid.errors import InputError, StructidWarning
 from structid.ground_motion.excitation import Excitation
+from structid.hashing import digest
 from structid.histories import Histories
-from structid.journal import digest
 from structid.models.face import Progress, StandIn
 from structid.models.traceable import TraceableModel
 from structid.probability.designs import Design

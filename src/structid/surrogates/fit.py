@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
-from structid.journal import digest
+from structid.hashing import digest
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.runs import Runs

@@ -12,7 +12,8 @@ import h5py
 import numpy as np
 
 from structid.errors import InputError
-from structid.journal import digest, opened_hdf5
+from structid.hashing import digest
+from structid.journal import opened_hdf5
 from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import Fit
 from structid.surrogates.validation import Validation

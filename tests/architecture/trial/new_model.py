@@ -3,8 +3,8 @@
 import numpy as np
 
 from structid.errors import InputError
+from structid.hashing import digest
 from structid.histories import Histories
-from structid.journal import digest
 from structid.keys import quantity
 from structid.models.face import Model
 from structid.models.kind import ModelKind

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from structid.device import over_runs
+from structid.hashing import digest
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
-from structid.journal import digest
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.lanes.signals import Signals
 from structid.models.face import LARGEST_BATCH

@@ -14,6 +14,7 @@ import numpy as np
 from structid.channels import check_channels
 from structid.device import BATCH_SIZES, jnp
 from structid.errors import InputError, names_checked
+from structid.hashing import digest
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
 from structid.inference.likelihood.discrepancy import ErrorLaw
@@ -22,7 +23,6 @@ from structid.inference.likelihood.independent import IID
 from structid.inference.likelihood.joint import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
 from structid.inference.target import Target
-from structid.journal import digest
 from structid.mechanics.lanes.differentiable import differentiable_in_lanes
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress

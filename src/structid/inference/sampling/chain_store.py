@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.journal import Journal, compare_identity, digest, opened_hdf5
+from structid.hashing import digest
+from structid.journal import Journal, compare_identity, opened_hdf5
 
 SCHEMA = 5
 """Version of the layout inside the file, and of the moves that continue from it."""

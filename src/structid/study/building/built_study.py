@@ -9,10 +9,10 @@ from typing import Any
 from structid.calibration.plan import Plan
 from structid.errors import InputError, suggestion
 from structid.ground_motion.record import GroundMotion
+from structid.hashing import digest
 from structid.inference.law_choice import AUTO
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Sampler
-from structid.journal import digest
 from structid.models.face import Model
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace

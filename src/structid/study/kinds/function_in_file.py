@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from structid.errors import InputError
-from structid.journal import digest
+from structid.hashing import digest
 
 
 class FunctionInFile:

@@ -24,7 +24,7 @@ from structid.hybrid.specimen import Specimen
 from structid.hybrid.transfer import Actuator, Sensor
 from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.models.traceable import TraceableModel, as_traceable
-from structid.study.building.models import build_model, true_model
+from structid.study.building.models import build_model
 from structid.study.building.named_kind import kind_named
 from structid.study.building.priors import parameter_space
 from structid.study.building.records import load_record
@@ -36,7 +36,7 @@ from structid.study.programmes.programme_file import (
     SensorSection,
     TestSection,
 )
-from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of
+from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of, moved_channels, moved_model
 from structid.study.schema.static_tables import ModelSection
 from structid.units import to_si
 
@@ -73,7 +73,7 @@ class PlannedProgramme:
             A new one at every call.
         """
         given, structure = self.file.specimen, self.structure
-        model = true_model(given.model, structure.recorded, self.folder)
+        model = moved_model(given.model, self.folder)
         actuators = [self._actuator(unit) for unit in structure.units]
         with within("table 'specimen'"):
             return SimulatedSpecimen(
@@ -193,8 +193,8 @@ class PlannedProgramme:
         file = self.file
         if file.model is None or not file.parameters:
             raise InputError("the file", "neither [model] nor [parameters]", "the model that is learnt, and its priors")
-        space, recorded = parameter_space(file), self.structure.recorded
-        model = as_traceable(build_model(file.model, space, file.derived, recorded, self.folder), "table 'model'")
+        space, channels = parameter_space(file), moved_channels(file.model)
+        model = as_traceable(build_model(file.model, space, file.derived, channels, self.folder), "table 'model'")
         force = model.static_force(np.ones((1, len(model.free))))
         if force is None or force.dofs != len(self.structure.units):
             allowed = f"a model on which {len(self.structure.units)} displacements can be imposed"

@@ -155,7 +155,7 @@ def programme_file() -> type[ProgrammeFile]:
 def _programme_file(
     model_kinds: tuple[ModelKind, ...], law_kinds: tuple[LawKind, ...], sampler_kinds: tuple[SamplerKind, ...]
 ) -> type[ProgrammeFile]:
-    model: Any = model_section(kind for kind in model_kinds if not kind.is_a_solver)
+    model: Any = model_section(kind for kind in model_kinds if kind.moved_channel)
     discrepancy: Any = discrepancy_section(law_kinds)
     sampler: Any = sampler_section(sampler_kinds)
     specimen: Any = create_model("specimen_section", __base__=SpecimenSection, model=(model, ...))

@@ -22,8 +22,44 @@ from structid.models.face import Model
 from structid.models.shear_frame import ShearFrame
 from structid.models.traceable import as_traceable
 from structid.study.building.models import true_model
+from structid.study.building.named_kind import kind_named
+from structid.study.kinds import model_list
 from structid.study.programmes.programme_file import FacadeSection, ShearFrameSection
 from structid.study.schema.static_tables import ModelSection
+
+
+def moved_model(section: ModelSection, folder: Path) -> Model:
+    """Build a model on which displacements are imposed, all of whose parameters are known.
+
+    Parameters
+    ----------
+    section : ModelSection
+        What the file says.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    Model
+        Without free parameters.
+    """
+    return true_model(section, moved_channels(section), folder)
+
+
+def moved_channels(section: ModelSection) -> tuple[str, ...]:
+    """Name the channels with which a model can be built on which displacements are imposed.
+
+    Parameters
+    ----------
+    section : ModelSection
+        What the file says.
+
+    Returns
+    -------
+    tuple of str
+        Of its kind.
+    """
+    return (kind_named(section.type, model_list.MODELS).moved_channel,)
 
 
 def force_of(model: Model, dofs: int) -> RestoringForce:
@@ -64,8 +100,6 @@ class CutStructure(ABC):
     ----------
     channels, units : tuple of str
         Of the specimen.
-    recorded : tuple of str
-        A channel that models of the specimen know, so that they can be built.
     alike : UpdatedSprings or None
         Springs of the numerical part that take over what is learnt of the specimen.
     """
@@ -73,7 +107,6 @@ class CutStructure(ABC):
     alike: UpdatedSprings | None = None
     channels: tuple[str, ...]
     units: tuple[str, ...]
-    recorded: tuple[str, ...]
 
     @abstractmethod
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
@@ -110,7 +143,6 @@ class CutFrame(CutStructure):
     alike: UpdatedSprings | None = None
     channels = ("drift",)
     units = ("m",)
-    recorded = ("restoring_force",)
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
         """Give numerical and physical part; see `CutStructure.parts`.
@@ -157,7 +189,6 @@ class CutFacade(CutStructure):
     folder: Path
     channels = ("u_x", "u_y", "theta")
     units = ("m", "m", "rad")
-    recorded = ("drift",)
 
     def parts(self, modes: int) -> tuple[Substructure, Substructure]:
         """Give numerical and physical part; see `CutStructure.parts`.
@@ -173,7 +204,7 @@ class CutFacade(CutStructure):
             The upper and the lower storey.
         """
         given = self.section
-        wall = cast(MasonryWall, true_model(given.wall, self.recorded, self.folder))  # the schema allows no other
+        wall = cast(MasonryWall, moved_model(given.wall, self.folder))  # the schema allows no other
         cut = facade_parts(wall, modes=modes, masses=FloorMasses(given.floor_mass, given.roof_mass))
         expected = CarriedOver(force_of(self.expected, BEAM), np.zeros((1, BEAM)))
         return cut.upper, replace(
@@ -231,8 +262,8 @@ def cut_structure(
         Its parts.
     """
     if isinstance(section, ShearFrameSection):
-        model = true_model(expected, CutFrame.recorded, folder)
+        model = moved_model(expected, folder)
         return CutFrame(section, model, built_alike(section, force_of(model, 1)) if alike else None)
     if alike:
         raise InputError("key 'online.update'", "true for a facade", "false", "Its upper storey stays linear.")
-    return CutFacade(section, true_model(expected, CutFacade.recorded, folder), folder)
+    return CutFacade(section, moved_model(expected, folder), folder)

@@ -52,11 +52,11 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
     str
         The paragraph.
     """
-    words = _words_of_models(schema)
+    words, tags = _words_of_models(schema), _tags(schema)
     steps = [
         s
         for s in error["loc"]
-        if not (isinstance(s, str) and (s in _VARIANTS or s in words or "[" in s or "tuple" in s))
+        if not (isinstance(s, str) and (s in _VARIANTS or s in tags or "[" in s or "tuple" in s))
     ]
     if steps[:1] == ["observation"] and isinstance(content.get("observation"), dict):
         steps = [s for s in steps if s != 0]  # a single table stands for a list of one
@@ -116,8 +116,18 @@ def _allowed(error: Any) -> str:
 
 def _words_of_models(schema: type[BaseModel]) -> list[str]:
     """Kinds of model that a file may name."""
-    tables = _tables(schema.model_fields["model"].annotation)
-    return [word for table in tables for word in get_args(table.model_fields["type"].annotation)]
+    return _words_of(_tables(schema.model_fields["model"].annotation))
+
+
+def _tags(schema: type[BaseModel]) -> set[str]:
+    """Every kind that some table of a file may name; pydantic puts it into its locations."""
+    return {word for field in schema.model_fields.values() for word in _words_of(_tables(field.annotation))}
+
+
+def _words_of(tables: list[Any]) -> list[str]:
+    """What the key ``type`` of some tables may be."""
+    typed = [table.model_fields["type"].annotation for table in tables if "type" in table.model_fields]
+    return [word for annotation in typed for word in get_args(annotation) if isinstance(word, str)]
 
 
 def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseModel]) -> list[str]:
