@@ -224,3 +224,10 @@ def test_the_virtual_whole_says_what_it_cannot_do():
     one = VirtualHybridTest(UPPER, LOWER, STOREY, 0.01)
     assert one.content_hash != replace(one, dt=0.005).content_hash != replace(one, way=np.zeros((1, 1))).content_hash
     assert one.content_hash == VirtualHybridTest(UPPER, LOWER, STOREY, 0.01).content_hash
+
+
+def test_a_result_draws_itself(run, tmp_path):
+    run.tests["2"].plot(save=tmp_path / "loop")
+    assert (tmp_path / "loop.png").is_file() and (tmp_path / "loop.pdf").is_file()
+    with pytest.raises(InputError, match="displacement"):
+        run.tests["2"].plot("sway")

@@ -24,6 +24,7 @@ from structid.figures.style import (
 )
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Curve = tuple[str, np.ndarray, np.ndarray]
@@ -154,7 +155,53 @@ def tracking(
         Three panels.
     """
     figure, axes = canvas(1, 3, height=2.4)
-    left, middle, right = axes[0]
+    _tracking_panels(axes[0], plane, time, indicator, energy, unit)
+    return finish(figure, title, save)
+
+
+@styled
+def loop_and_tracking(
+    loop: Curve,
+    plane: Curve,
+    time: np.ndarray,
+    indicator: np.ndarray,
+    energy: np.ndarray,
+    units: tuple[str, str],
+    title: str = "",
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw the loop of a specimen, and how its actuator followed.
+
+    Parameters
+    ----------
+    loop : Curve
+        Name, displacements and forces.
+    plane, time, indicator, energy
+        As for `tracking`.
+    units : tuple of str
+        Of displacements and forces.
+    title : str
+        Title.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Four panels.
+    """
+    figure, axes = canvas(2, 2, height=2.4)
+    first, *others = axes.ravel()
+    first.plot(loop[1], loop[2], color=MEASURED, lw=0.8)
+    name_axes(first, (pretty(loop[0]), units[0]), ("force", units[1]))
+    _tracking_panels(others, plane, time, indicator, energy, units[0])
+    return finish(figure, title, save)
+
+
+def _tracking_panels(
+    axes: Sequence[Axes], plane: Curve, time: np.ndarray, indicator: np.ndarray, energy: np.ndarray, unit: str
+) -> None:
+    left, middle, right = axes
     left.plot(plane[1], plane[2], color=MEASURED, lw=0.6)
     span = [float(np.min(plane[1])), float(np.max(plane[1]))]
     left.plot(span, span, color=MUTED, lw=0.8, ls="--")
@@ -163,7 +210,6 @@ def tracking(
     name_axes(middle, ("simulated time", "s"), ("tracking indicator", f"{pretty_unit(unit)}²"))
     right.plot(time, energy, color=ACCENT, lw=0.8)
     name_axes(right, ("simulated time", "s"), ("energy error", "J"))
-    return finish(figure, title, save)
 
 
 @styled

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.errors import InputError, check_choice, names_checked
 from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, RotationHistory
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
@@ -25,6 +26,9 @@ from structid.hybrid.tracking import (
 from structid.hybrid.unscented_filter import FilteredPath
 from structid.models.imposed_displacements import force_channels
 from structid.observation import Observation
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
 """Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
@@ -210,6 +214,31 @@ class HybridResult:
         excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed)
         names = tuple(channels) or force_channels(units)
         return Observation(excitation, forces, names, name=name, sd=sd)
+
+    def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw how an actuator followed, and the loop that it moved.
+
+        Parameters
+        ----------
+        channel : str, optional
+            Of the specimen; the first one when left out.
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            The loop, the synchronisation subspace, and what grew of it.
+        """
+        from structid.figures import hybrid as figure
+
+        names = [told.name for told in self.description.channels]
+        k = 0 if channel is None else names.index(check_choice("HybridResult.plot", channel, names))
+        turns, found, moves = self.description.channels[k].unit == "rad", self.tracking[names[k]], self.moves
+        loop = (names[k], 1e3 * moves.measured[:, k], 1e-3 * moves.force[:, k])
+        plane = (names[k], 1e3 * moves.target[:, k], 1e3 * moves.measured[:, k])
+        units = ("mrad", "kN m") if turns else ("mm", "kN")
+        return figure.loop_and_tracking(loop, plane, moves.time, 1e6 * found.indicator, found.energy, units, save=save)
 
     def __str__(self) -> str:
         time = 0.0 if self.histories is None else self.histories.coarse.time[-1]

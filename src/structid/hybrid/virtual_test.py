@@ -44,7 +44,8 @@ class VirtualHybridTest(TraceableModel):
     pieces : int
         In which every move of the specimen is done: Runge-Kutta steps of a law of springs.
     way : array-like, shape (place, dof), optional
-        Where the specimen was moved to in the tests before, the last place being its zero since then [m]; see `way_of`.
+        Where the specimen was moved to in the tests before, the last place being its zero since then [m]; see
+        `ProgrammeResult.way_to`.
     channels : sequence of str
         ``"displacement_1"``, … of the degrees of freedom of the physical part, then of those of the numerical part that are not at
         the interface; ``"restoring_force_1"``, … of the physical part.
