@@ -259,10 +259,10 @@ Critical delays. A loop with 0.98 of one decays and with 1.02 of it grows; 30 ms
 {common.markdown_table(["structure", "found [ms]", "known [ms]", "apart"], results["delays"])}
 
 The loop over the loopback on two cores: the test in one process, a Bouc-Wen-Baber-Noori specimen in another, a fine specimen with
-100 moves a coarse step, HMAC on every message. With the recorder, every finished step is in mapped memory when the next begins, and
-on disk 75 ms later. The live view is a process of its own, asked by one browser every 0.4 s; another has sent fifty requests and never
-reads an answer. Python is a soft clock: a late answer pauses the motion, and nothing here is a promise for real time. A laboratory
-that moves in real time needs its controller to interpolate between commands.
+100 moves a coarse step, HMAC on every message. With the recorder, every finished step is in mapped memory when the next begins,
+and on disk 75 ms later. The live view is a process of its own, asked by one browser every 0.4 s; another has sent fifty requests
+and never reads an answer. Python is a soft clock: a late answer pauses the motion, and nothing here is a promise for real time. A
+laboratory that moves in real time needs its controller to interpolate between commands.
 
 {common.markdown_table(LOOP, results["loop"])}
 """

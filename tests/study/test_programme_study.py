@@ -31,7 +31,8 @@ SMALL = (
     + PACKAGED[_AFTER:]
 ).replace('trim = ["4 s", "9 s"]', 'trim = ["4 s", "5.5 s"]')
 SMALL = SMALL.replace('from_test = "3"\npredict = "5"', 'from_test = "1"\npredict = "2"\ndraws = 60')
-SMALL = SMALL.replace("particles = 400\nsteps = 50", "particles = 100\nsteps = 20")
+CERTIFIED = SMALL
+SMALL = SMALL[: SMALL.index("[surrogate]")] + '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\n'
 ALONE = SMALL[: SMALL.index("[online]")]
 """Without anything that is learnt."""
 FACADE = """
@@ -110,6 +111,18 @@ def test_the_specimen_is_found_again(run):
         assert abs(learnt.result.mean[at] - value) < 5.0 * learnt.result.sd[at], name
     low, high = learnt.prediction.band
     assert low * 0.995 < learnt.prediction.peak < high * 1.005
+
+
+def test_a_certified_posterior(tmp_path):
+    """By a surrogate, and runs of the model itself at fresh draws."""
+    outcome = run_programme(written(tmp_path, CERTIFIED), tmp_path / "out")
+    learnt = outcome.learnt
+    assert learnt.calibration.certificate.certified and learnt.trusted
+    at = learnt.result.names.index("stiffness")
+    assert abs(learnt.result.mean[at] - 7.2e6) < 5.0 * learnt.result.sd[at]
+    assert "A surrogate stood in for the model." in outcome.report.read_text()
+    again = programme_report_again(tmp_path / "out").learnt
+    np.testing.assert_array_equal(again.result.flat, learnt.result.flat)
 
 
 def test_the_report_again(run):

@@ -106,9 +106,12 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
     learnt, trusted = outcome.learnt, True
     if learnt is not None:
         verdict = learnt.result.verdict()
-        trusted = verdict.converged
+        trusted = learnt.trusted
         screen.print()
-        screen.print(str(learnt.result.summary()), markup=False, soft_wrap=True)
+        screen.print(str((learnt.calibration or learnt.result).summary()), markup=False, soft_wrap=True)
+        if learnt.calibration is not None:
+            said = learnt.calibration.certificate.said(verdict.converged)
+            screen.print(said, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
         screen.print(
             str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
         )

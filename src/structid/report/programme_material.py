@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from structid.calibration.calibration_result import CalibrationResult
 from structid.errors import InputError
 from structid.hybrid.hybrid_result import HybridResult
 from structid.hybrid.programme import ProgrammeResult
@@ -77,6 +78,8 @@ class Learnt:
         Forces at the most probable parameters [N].
     prediction : PredictedTest or None
         Of a later test.
+    calibration : CalibrationResult or None
+        Certificate and rounds, where a surrogate was used.
     """
 
     from_test: str
@@ -84,6 +87,12 @@ class Learnt:
     result: SamplingResult
     fitted: np.ndarray = field(repr=False)
     prediction: PredictedTest | None
+    calibration: CalibrationResult | None = None
+
+    @property
+    def trusted(self) -> bool:
+        """Whether its numbers may be believed: converged, and certified where a surrogate was used."""
+        return self.result.verdict().converged if self.calibration is None else self.calibration.trusted
 
 
 @dataclass(frozen=True, eq=False)

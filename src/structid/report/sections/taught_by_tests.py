@@ -20,11 +20,15 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     learnt = material.learnt
     if learnt is None:
         return []
-    verdict = learnt.result.verdict()
+    verdict, calibration = learnt.result.verdict(), learnt.calibration
+    how = (
+        "No surrogate was used: these are draws of the model's own posterior."
+        if calibration is None
+        else f"A surrogate stood in for the model. {calibration.certificate.said(verdict.converged)}"
+    )
     said = [
         f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
-        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). No surrogate was used: these are draws "
-        f"of the model's own posterior. {verdict}"
+        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how} {verdict}"
     ]
     if (seen := learnt.prediction) is not None:
         low, high = (1e3 * edge for edge in seen.band)

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from structid.calibration.calibration_result import CalibrationResult
+from structid.calibration.sequential import calibrate
+from structid.campaign.store import CALIBRATION_FOLDER
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.programme import ProgrammeResult
 from structid.hybrid.virtual_test import VirtualHybridTest
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
+from structid.inference.sampling_result import SamplingResult
 from structid.models.imposed_displacements import ImposedDisplacements
 from structid.report.programme_material import Learnt, PredictedTest
 from structid.study.building.observations import build_discrepancy
 from structid.study.building.priors import parameter_space
-from structid.study.building.samplers import build_sampler
+from structid.study.building.samplers import build_plan, build_sampler
+from structid.study.building.surrogates import surrogate_settings
 from structid.study.programmes.planned_programme import PlannedProgramme
+from structid.study.timings import Stage, StagesAsTold, Timings, silent
 
 CHAINS = "learnt.h5"
-"""Draws of what was learnt."""
+"""Draws of what was learnt, of the model itself."""
+LEARNING = "learning.json"
+"""Seconds of a calibration's stages."""
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
@@ -47,7 +54,7 @@ def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Poste
 
 
 def learnt_of(
-    planned: PlannedProgramme, programme: ProgrammeResult, folder: Path, progress: Any = None
+    planned: PlannedProgramme, programme: ProgrammeResult, folder: Path, stage: Stage = silent
 ) -> Learnt | None:
     """Learn from a test, and predict a later one.
 
@@ -59,8 +66,8 @@ def learnt_of(
         What happened.
     folder : Path
         Where the draws are kept.
-    progress : callable, optional
-        Called while it samples.
+    stage : callable
+        Opens a progress bar for a named stage.
 
     Returns
     -------
@@ -71,15 +78,32 @@ def learnt_of(
     if learning is None or learning.from_test not in programme.tests or not programme.tests[learning.from_test].steps:
         return None
     posterior = posterior_of(planned, programme)
-    sampler = build_sampler(planned.file.sampler)
-    result = sample(posterior, sampler, planned.file.seed, folder / CHAINS, progress=progress)
+    result, calibration = _drawn(planned, posterior, folder, stage)
     of_model = [posterior.names.index(name) for name in posterior.model.free]
     fitted = posterior.model.simulate(result.map_estimate[None, of_model], posterior.observations[0].record).values[0]
     prediction = None
     if learning.predict is not None and learning.predict in programme.tests and programme.tests[learning.predict].steps:
         draws = result.thinned(learning.draws)[:, of_model]
         prediction = _predicted(planned, programme, learning.predict, draws)
-    return Learnt(learning.from_test, posterior.observations[0], result, fitted, prediction)
+    return Learnt(learning.from_test, posterior.observations[0], result, fitted, prediction, calibration)
+
+
+def _drawn(
+    planned: PlannedProgramme, posterior: Posterior, folder: Path, stage: Stage
+) -> tuple[SamplingResult, CalibrationResult | None]:
+    """Draws of the posterior: by a surrogate that runs of the model certify, or of the model itself."""
+    file = planned.file
+    if (plan := build_plan(file.calibration)) is None:
+        with stage("learning") as progress:
+            return sample(posterior, build_sampler(file.sampler), file.seed, folder / CHAINS, progress=progress), None
+    settings = None if file.surrogate.kind == "none" else surrogate_settings(file.surrogate)
+    sampler = build_sampler(file.sampler) if "sampler" in file.model_fields_set else None
+    with StagesAsTold(stage, Timings(folder / LEARNING)) as told:
+        calibration = calibrate(
+            posterior.model, posterior.model_space, posterior.observations, settings, posterior.law, plan=plan, sampler=sampler,
+            seed=file.seed, store=folder / CALIBRATION_FOLDER, progress=told,
+        )  # fmt: skip
+    return calibration.sampling, calibration
 
 
 def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str, draws: np.ndarray) -> PredictedTest:

@@ -17,10 +17,18 @@ from structid.inference.sampling.sampler_list import SamplerKind
 from structid.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
 from structid.models.kind import ModelKind
 from structid.study.kinds import model_list
-from structid.study.schema.kinds import discrepancy_section, model_section, sampler_section
+from structid.study.schema.kinds import (
+    SurrogateSection,
+    discrepancy_section,
+    model_section,
+    sampler_section,
+    surrogate_section,
+)
 from structid.study.schema.problems import StudyErrors, problem
-from structid.study.schema.static_tables import LARGEST_COUNT, ModelSection, PriorSection
+from structid.study.schema.static_tables import LARGEST_COUNT, CalibrationSection, ModelSection, PriorSection
 from structid.study.schema.study_file import CalibrationFile, study_content
+from structid.surrogates import registry as surrogates
+from structid.surrogates.kind import SurrogateKind
 
 Kilograms: Any = quantity("kg")
 Metres: Any = quantity("m")
@@ -136,6 +144,8 @@ class ProgrammeFile(CalibrationFile):
     test: Annotated[tuple[TestSection, ...], Field(min_length=1)]
     online: OnlineSection | None = None
     learning: LearningSection | None = None
+    surrogate: SurrogateSection
+    calibration: CalibrationSection | None = None
     model: ModelSection | None = None  # type: ignore[assignment]
     parameters: dict[str, PriorSection] = Field(default_factory=dict)
 
@@ -148,16 +158,22 @@ def programme_file() -> type[ProgrammeFile]:
     type
         A `ProgrammeFile`.
     """
-    return _programme_file(model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS))
+    return _programme_file(
+        model_list.MODELS, tuple(law_list.LAWS), tuple(sampler_list.SAMPLERS), tuple(surrogates.KINDS)
+    )
 
 
 @functools.cache
 def _programme_file(
-    model_kinds: tuple[ModelKind, ...], law_kinds: tuple[LawKind, ...], sampler_kinds: tuple[SamplerKind, ...]
+    model_kinds: tuple[ModelKind, ...],
+    law_kinds: tuple[LawKind, ...],
+    sampler_kinds: tuple[SamplerKind, ...],
+    surrogate_kinds: tuple[SurrogateKind, ...],
 ) -> type[ProgrammeFile]:
     model: Any = model_section(kind for kind in model_kinds if kind.moved_channel)
     discrepancy: Any = discrepancy_section(law_kinds)
     sampler: Any = sampler_section(sampler_kinds)
+    surrogate: Any = surrogate_section(surrogate_kinds)
     specimen: Any = create_model("specimen_section", __base__=SpecimenSection, model=(model, ...))
     wall: Any = model_section([wall_kind.KIND])
     facade: Any = create_model("facade_section", __base__=FacadeSection, wall=(wall, ...))
@@ -170,6 +186,7 @@ def _programme_file(
         model=(model | None, None),
         discrepancy=(discrepancy, discrepancy(kind="ar1")),
         sampler=(sampler, sampler(kind="smc")),
+        surrogate=(surrogate, surrogate(kind="none")),
     )
     return found
 

@@ -156,8 +156,8 @@ def _taught(
     programme: PlannedProgramme, tests: ProgrammeResult, folder: Path, timings: Timings, stage: Stage
 ) -> ProgrammeOutcome:
     """Learn from the tests, and write the page."""
-    with stage("learning") as progress, timings.measured("learning"):
-        learnt = learnt_of(programme, tests, folder, progress)
+    with timings.measured("learning"):
+        learnt = learnt_of(programme, tests, folder, stage)
     if learnt is not None:
         learnt.result.to_netcdf(folder / POSTERIOR, predictions=False)
     text = study_text(folder / STUDY)
