@@ -21,6 +21,7 @@ from structid.ground_motion.excitation import (
     DisplacementHistory,
     Excitation,
     ForceHistory,
+    RotationHistory,
     padded_values,
 )
 from structid.ground_motion.record import GroundMotion
@@ -33,7 +34,7 @@ SCHEMA = 2
 """Version of the layout. In 1, which is read as well, no run has the status `Status.STRUCTURE_FAILED`."""
 
 _KINDS: dict[str, type[Excitation]] = {
-    kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory)
+    kind.kind: kind for kind in (Excitation, GroundMotion, ForceHistory, DisplacementHistory, RotationHistory)
 }
 _TEXT = h5py.string_dtype()
 

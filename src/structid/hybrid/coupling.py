@@ -57,13 +57,13 @@ class CoarseStep(NamedTuple):
     state : CoupledState
         At its end.
     fine : FineSteps
-        Within it.
+        Within it; nothing where that is not kept.
     pseudo_energy : array
         Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up to zero.
     """
 
     state: CoupledState
-    fine: FineSteps
+    fine: Any
     pseudo_energy: Any
 
 
@@ -123,12 +123,15 @@ class Joined(ABC):
         Which of them is which.
     substeps : int
         ss.
+    keeps_fine : bool
+        Whether a step tells what happened within it.
     """
 
     coarse: OperatorSplitting
     fine: OperatorSplitting
     fine_is_physical: bool
     substeps: int
+    keeps_fine: bool = True
 
     @abstractmethod
     def step(self, state: CoupledState, bases: Any) -> CoarseStep:
@@ -162,6 +165,23 @@ class Joined(ABC):
         """
         coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
+
+    def seen(self, part: PartState, traction: Any) -> Any:
+        """What is told of a fine step.
+
+        Parameters
+        ----------
+        part : PartState
+            After it.
+        traction : array, shape (interface,)
+            Λ that it felt [N].
+
+        Returns
+        -------
+        FineSteps or tuple
+            Nothing where it is not kept.
+        """
+        return FineSteps(part, traction) if self.keeps_fine else ()
 
     @property
     def guesses_for_specimen(self) -> bool:

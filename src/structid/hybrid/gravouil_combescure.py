@@ -13,7 +13,7 @@ import numpy as np
 
 from structid.array_module import namespace
 from structid.errors import names_checked
-from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, FineSteps, Joined, inverse_of, splittings
+from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import PartState
 from structid.hybrid.substructure import Substructure
 from structid.mechanics.sequence import in_sequence
@@ -65,7 +65,7 @@ class JoinedAtFineSteps(Joined):
 
     Parameters
     ----------
-    coarse, fine, fine_is_physical, substeps
+    coarse, fine, fine_is_physical, substeps, keeps_fine
         See `Joined`.
     """
 
@@ -95,18 +95,19 @@ class JoinedAtFineSteps(Joined):
         at_start = self.coarse.rows @ (before[0].velocity - self.coarse.unit_link.velocity @ traction)
         at_end = self.coarse.rows @ coarse.velocity
 
-        def step(carried: tuple[PartState, Any], row: Any) -> tuple[tuple[PartState, Any], tuple[FineSteps, Any]]:
-            (last, felt), (base, share) = carried, row
+        def step(carried: tuple[PartState, Any, Any], row: Any) -> tuple[tuple[PartState, Any, Any], Any]:
+            (last, felt, works), (base, share) = carried, row
             fine = self.fine.free(last, base, (nothing, nothing))
             interface = (1.0 - share) * at_start + share * at_end
             now = -self.inverse @ (interface + self.fine.rows @ fine.velocity)
             fine = self.fine.unit_link.added_to(fine, now)
             work = ((self.fine.rows @ (fine.velocity - last.velocity)) * (now - felt)).sum(axis=0) / h
-            return (fine, now), (FineSteps(fine, now), work)
+            return (fine, now, works + work), self.seen(fine, now)
 
         pairs = namespace(traction).stack([bases[:-1], bases[1:]], axis=1)
-        (fine, now), (within, works) = in_sequence(step, (before[1], traction), (pairs, self.shares))
+        begun = before[1], traction, 0.0 * traction[:1]
+        (fine, now, works), within = in_sequence(step, begun, (pairs, self.shares))
         coarse = self.coarse.unit_link.added_to(coarse, now)
         gained = self.coarse.rows @ (coarse.velocity - before[0].velocity)
         work = (gained * (now - traction)).sum(axis=0) / self.dt
-        return CoarseStep(self.state_of(coarse, fine, now), within, work + works.sum(axis=0))
+        return CoarseStep(self.state_of(coarse, fine, now), within, work + works[0])

@@ -15,7 +15,7 @@ import numpy as np
 
 from structid.array_module import namespace
 from structid.errors import InputError, names_checked
-from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, FineSteps, Joined, inverse_of, splittings
+from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import Imposing, Link, PartState
 from structid.hybrid.substructure import Substructure
 from structid.mechanics.sequence import in_sequence
@@ -69,7 +69,7 @@ class PrakashHjelmstad(Coupling):
         """
         coarse, fine = splittings(numerical, physical, dt, self, self.alpha)
         virtual = not fine.part.linear and self.substeps > 1
-        return JoinedAtCoarseSteps(coarse, fine, self.fine == "physical", self.substeps, virtual)
+        return JoinedAtCoarseSteps(coarse, fine, self.fine == "physical", self.substeps, virtual=virtual)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class JoinedAtCoarseSteps(Joined):
 
     Parameters
     ----------
-    coarse, fine, fine_is_physical, substeps
+    coarse, fine, fine_is_physical, substeps, keeps_fine
         See `Joined`.
     virtual : bool
         Whether Λ* is guessed by a virtual step.
@@ -156,16 +156,16 @@ class JoinedAtCoarseSteps(Joined):
 
     def _freely(
         self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
-    ) -> tuple[PartState, FineSteps]:
+    ) -> tuple[PartState, Any]:
         """Step B under interface forces that change linearly."""
         first, change = tractions[0], tractions[1] - tractions[0]
 
-        def step(carried: PartState, row: Any) -> tuple[PartState, FineSteps]:
+        def step(carried: PartState, row: Any) -> tuple[PartState, Any]:
             base, share = row
             before, after = first + (share - 1.0 / self.substeps) * change, first + share * change
             moved = self.fine.free(carried, base, (before, after), imposing)
-            return moved, FineSteps(moved, after)
+            return moved, self.seen(moved, after)
 
         pairs = namespace(state.velocity).stack([bases[:-1], bases[1:]], axis=1)
-        found: tuple[PartState, FineSteps] = in_sequence(step, state, (pairs, self.shares))
+        found: tuple[PartState, Any] = in_sequence(step, state, (pairs, self.shares))
         return found

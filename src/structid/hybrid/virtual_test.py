@@ -100,9 +100,9 @@ class VirtualHybridTest(TraceableModel):
         return "virtual hybrid test"
 
     @property
-    def _inner(self) -> np.ndarray:
+    def _inner(self) -> list[int]:
         """Degrees of freedom of the numerical part that are not at the interface."""
-        return np.flatnonzero(~np.any(np.asarray(self.numerical.interface) != 0.0, axis=0))
+        return [int(k) for k in np.flatnonzero(~np.any(np.asarray(self.numerical.interface) != 0.0, axis=0))]
 
     @cached_property
     def _known_channels(self) -> tuple[str, ...]:
@@ -118,7 +118,8 @@ class VirtualHybridTest(TraceableModel):
         assert force is not None  # __post_init__ has looked
         way = np.zeros((1, force.dofs)) if self.way is None else self.way
         force = CarriedOver(InPieces(force, self.pieces), way)
-        return self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
+        joined = self.coupling.joined(self.numerical, replace(self.physical, restoring_force=force), self.dt)
+        return replace(joined, keeps_fine=False)
 
     # --- response -----------------------------------------------------------------------------------------------
 
@@ -175,8 +176,9 @@ class VirtualHybridTest(TraceableModel):
     def _seen(self, state: CoupledState) -> Any:
         """The channels, shape (channel, run)."""
         physical, numerical = state.physical, state.numerical
-        rows = jnp.concatenate([physical.displacement, numerical.displacement[self._inner], physical.force])
-        return rows[np.array([self._known_channels.index(channel) for channel in self.channels])]
+        inner = [numerical.displacement[k] for k in self._inner]
+        rows = [*physical.displacement, *inner, *physical.force]
+        return jnp.stack([rows[self._known_channels.index(channel)] for channel in self.channels])
 
     # --- what others ask ----------------------------------------------------------------------------------------
 
