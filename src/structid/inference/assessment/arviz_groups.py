@@ -18,7 +18,7 @@ LIBRARY = {
     "creation_library": "structid",
 }
 """Attributes of every group, as the schema has them."""
-EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m"}
+EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m", "rotation": "rad"}
 """SI unit of what drives a model, by its kind; of several at once each signal has its own."""
 
 
@@ -102,11 +102,12 @@ def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, pr
             parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
 
         put("observed_data", f"y{suffix}", observation.values, dims, coords)
+        driven = dims[:1] if observation.record.values.ndim == 1 else (dims[0], f"signal{suffix}")
         put(
             "constant_data",
             f"excitation{suffix}",
             observation.record.values,
-            dims[:1],
+            driven,
             {dims[0]: observation.record.time},
         )
         if predictions:
