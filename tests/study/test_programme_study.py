@@ -163,9 +163,9 @@ def test_a_programme_goes_on(tmp_path):
     assert again.learnt is None
 
 
-def test_the_packaged_programme_can_work():
-    content = written(Path(packaged.__file__).parent / "templates", PACKAGED, "hybrid.toml")
-    found = check_programme(content)
+@pytest.mark.parametrize("name", packaged.PROGRAMMES)
+def test_a_packaged_programme_can_work(name):
+    found = check_programme(Path(packaged.__file__).parent / "templates" / f"{name}.toml")
     assert list(found) == ["1a", "1b", "2", "3", "4", "5"]
     assert all(each.can_work for each in found.values())
 

@@ -7,7 +7,7 @@ from importlib import resources
 STUDIES = ("bouc_wen", "shear_frame", "facade", "external")
 """Calibrations, for structid run."""
 
-PROGRAMMES = ("hybrid",)
+PROGRAMMES = ("hybrid", "hybrid_facade")
 """Programmes of hybrid tests, for structid hybrid."""
 
 TEMPLATES = (*STUDIES, *PROGRAMMES)
