@@ -52,14 +52,14 @@ ALL_FREE = (
 )
 
 
-def compared(model, excitation, theta):
+def compared(model, excitation, theta, agree=1e-12):
     """Histories in lanes, held against JAX's."""
     traced = model.traced(excitation)
     (ours, finite), (theirs, fine) = (kind(model.response, (2, 0))(theta, traced) for kind in (InLanes, over_runs))
     assert InLanes(model.response, (2, 0)).compiled(theta.shape[1], (traced,)) is not None
     assert (finite == fine).all() and fine.any()
     scale = np.abs(theirs[..., fine]).max(axis=(0, 2), keepdims=True)
-    assert (np.abs(ours - theirs)[..., fine] <= 1e-12 * scale).all()
+    assert (np.abs(ours - theirs)[..., fine] <= agree * scale).all()
 
 
 @pytest.mark.parametrize("excitation", EXCITATIONS)
@@ -232,6 +232,45 @@ def test_the_likelihood_of_a_wall(law, slopes_agree, monkeypatch):
     densities_compared(of, 9, monkeypatch, 1e-8, slopes_agree)
 
 
+def strokes(*amplitudes):
+    return si.DisplacementHistory(amplitudes[0] * np.sin(9.0 * TIME) * (1.0 + TIME), 0.02, "strokes")
+
+
+def test_springs_and_walls_that_are_moved():
+    spring = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",))
+    compared(si.ImposedDisplacements(spring, pieces=3), strokes(0.004), RNG.uniform(7e6, 8e6, (5, 1)))
+    mortar = dict(normal_strength=0.2e6, tangential_energy=150.0, tangential_strength=0.3e6, friction=0.6)
+    pier = si.Wall(width=1.2, height=0.8, openings=(), courses=(2,))
+    wall = si.MasonryWall(
+        **mortar,
+        joint_law="damage-friction",
+        free=("normal_energy",),
+        wall=pier,
+        masonry=si.Masonry(vertical_load=60e3),
+    )
+    still = np.zeros(len(TIME))
+    moves = si.CombinedExcitation(
+        [strokes(2e-5), si.DisplacementHistory(still, 0.02), si.RotationHistory(still, 0.02)], "strokes"
+    )
+    compared(si.ImposedDisplacements(wall, pieces=1), moves, RNG.uniform(10.0, 20.0, (5, 1)), agree=1e-6)
+
+
+@pytest.mark.parametrize("coupling", [si.PrakashHjelmstad(20, "numerical"), si.GravouilCombescure(20, "physical")])
+def test_the_whole_of_a_hybrid_test(coupling):
+    """Of more substeps than a loop unrolls, after moves before the test."""
+    storeys = si.ShearFrame(
+        storeys=2, mass=12e3, damping_ratio=0.03, stiffness=8e6, alpha=0.05, beta=63.0, gamma_ratio=0.5
+    )
+    upper, lower = si.cut_frame(storeys, 1)
+    spring = si.BoucWen(**PLAIN | {"stiffness": None}, free=("stiffness",))
+    channels = ("displacement_1", "displacement_2", "restoring_force_1")
+    test = si.VirtualHybridTest(upper, lower, spring, 0.02, coupling, 2, [[0.01], [0.002]], channels)
+    compared(test, GROUND, RNG.uniform(7e6, 8e6, (5, 1)))
+
+
 def test_no_model_is_forgotten():
-    tried = {"BoucWen", "MasonryWall", "ShearFrame", "DriftingModel", "ParametricNARX", "ResponseSpaceSurrogate"}
+    tried = {
+        *("BoucWen", "MasonryWall", "ShearFrame", "DriftingModel", "ImposedDisplacements", "VirtualHybridTest"),
+        *("ParametricNARX", "ResponseSpaceSurrogate"),
+    }
     assert {kind.__name__ for kind in concrete_subclasses(TraceableModel)} == tried
