@@ -183,7 +183,7 @@ class TestEveryModel:
             call(model, space, record)
 
     def test_it_says_what_it_is(self, case):
-        model, space, _, record, *_ = case
+        model, space, *_ = case
         assert model.content_hash == model.content_hash and len(model.content_hash) >= 16
         assert model.free == space.names and set(model.channel_units) == set(model.channels)
         assert model.recording(*model.channels).channels == model.channels
