@@ -179,25 +179,6 @@ class MasonryWall(TraceableModel):
     def _beamed(self) -> BeamedWall:
         return BeamedWall(self.mesh, self.masonry, JOINT_LAWS[self.joint_law])
 
-    def traced(self, excitation: Excitation) -> TracedExcitation:
-        """Prepare an excitation; see `TraceableModel.traced`.
-
-        Parameters
-        ----------
-        excitation : Excitation
-            What drives it.
-
-        Returns
-        -------
-        TracedExcitation
-            In steps that are not longer than `step`.
-        """
-        key = excitation.content_hash
-        if key not in self._traced_excitations:
-            self._traced_excitations.clear()
-            self._traced_excitations[key] = TracedExcitation.of(excitation, self._substeps(excitation))
-        return self._traced_excitations[key]
-
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
         """Give the loop over the record; see `TraceableModel.time_loop`.
 
@@ -280,10 +261,21 @@ class MasonryWall(TraceableModel):
         values = [self._values(row[None]) for row in theta]
         of_runs = [{name: float(np.ravel(value)[0]) for name, value in of_run.items()} for of_run in values]
         laws = [(self._law(of_run), of_run["damping_ratio"]) for of_run in of_runs]
-        return runs_one_by_one(self.condensed, laws, channels, excitation, self._substeps(excitation), progress)
+        return runs_one_by_one(self.condensed, laws, channels, excitation, self.steps_in_sample(excitation), progress)
 
-    def _substeps(self, excitation: Excitation) -> int:
-        """Steps in a sample, none longer than `step`."""
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        int
+            None of them is longer than `step`.
+        """
         return max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
 
     # --- pictures -----------------------------------------------------------------------------------------------

@@ -11,10 +11,11 @@ import scipy
 from structid.errors import InputError, names_checked
 from structid.fem.assembly import Assembly
 from structid.fem.masonry_wall import MasonryWall
-from structid.fem.static_wall import BEAM, BeamedWall, StaticWall
+from structid.fem.static_wall import BEAM, StaticWall
 from structid.hybrid.reduction import constraint_modes, reduced_by_craig_bampton
 from structid.hybrid.substructure import Substructure, proportional_damping
 from structid.mechanics.carried_over import CarriedOver
+from structid.mechanics.cohesive_laws import CohesiveLaw
 
 
 @names_checked
@@ -112,10 +113,11 @@ def facade_parts(
             f"one {lower.wall.width:g} m wide that stands on the beam without joints",
         )  # fmt: skip
     inertia = np.array([1.0, 1.0, lower.wall.width**2 / 12.0])  # of a mass that is spread along the beam
-    above = _matrices_on_beam(upper, masses.roof)
-    above[0][:BEAM, :BEAM] += np.diag((1.0 - masses.share) * masses.floor * inertia)
     force = lower.static_force(np.zeros((1, 0)))
-    below_mass = _mass_on_beam(force.wall, lower) + np.diag(masses.share * masses.floor * inertia)
+    law = force.law if upper is lower else upper.static_force(np.zeros((1, 0))).law
+    above = _matrices_on_beam(upper, law, masses.roof)
+    above[0][:BEAM, :BEAM] += np.diag((1.0 - masses.share) * masses.floor * inertia)
+    below_mass = _mass_on_beam(force) + np.diag(masses.share * masses.floor * inertia)
     below_stiffness = force.initial_stiffness()
     nothing = np.zeros_like(above[0])
     undamped = reduced_by_craig_bampton(above[0], nothing, above[1], range(BEAM), modes, influence=above[2])
@@ -147,17 +149,13 @@ def _whole_frequencies(upper: Substructure, mass: np.ndarray, stiffness: np.ndar
     return np.asarray(np.sqrt(scipy.linalg.eigh(both[1], both[0], eigvals_only=True)))
 
 
-def _matrices_on_beam(upper: MasonryWall, roof: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _matrices_on_beam(upper: MasonryWall, law: CohesiveLaw, roof: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """M, K and ι of a wall with uncracked joints whose lowest nodes move with a rigid beam: first the beam, then the others."""
     standing = upper.mesh.fixed
     mesh = replace(upper.mesh, fixed=standing[:0])
     assembly = Assembly(mesh, replace(upper.masonry, upper_mass=roof))
-    law = upper.static_force(np.zeros((1, 0))).law
-    joints = np.stack([law.normal_stiffness * assembly.joint_areas, law.tangential_stiffness * assembly.joint_areas], 1)
-    stiffness = (
-        assembly.block_stiffness
-        + assembly.jumps.T @ (joints.ravel()[:, None] * assembly.jumps)
-        + assembly.elongations.T @ (assembly.bar_stiffness[:, None] * assembly.elongations)
+    stiffness = _uncracked(assembly, law) + assembly.elongations.T @ (
+        assembly.bar_stiffness[:, None] * assembly.elongations
     )
     carried = np.sort(np.concatenate([2 * standing, 2 * standing + 1]))
     others = np.setdiff1d(mesh.free, carried)
@@ -169,13 +167,17 @@ def _matrices_on_beam(upper: MasonryWall, roof: float) -> tuple[np.ndarray, np.n
     return basis.T @ assembly.mass @ basis, basis.T @ stiffness @ basis, influence
 
 
-def _mass_on_beam(beamed: BeamedWall, lower: MasonryWall) -> np.ndarray:
-    """Mass of the lower wall's blocks, as the beam feels it: they follow it statically, uncracked."""
-    assembly = Assembly(beamed.mesh, replace(beamed.masonry, upper_mass=0.0))
-    law = lower.static_force(np.zeros((1, 0))).law
+def _uncracked(assembly: Assembly, law: CohesiveLaw) -> np.ndarray:
+    """Stiffness of blocks and uncracked joints, without bars, shape (dof, dof) [N/m]."""
     joints = np.stack([law.normal_stiffness * assembly.joint_areas, law.tangential_stiffness * assembly.joint_areas], 1)
-    stiffness = assembly.block_stiffness + assembly.jumps.T @ (joints.ravel()[:, None] * assembly.jumps)
+    return np.asarray(assembly.block_stiffness + assembly.jumps.T @ (joints.ravel()[:, None] * assembly.jumps))
+
+
+def _mass_on_beam(wall: StaticWall) -> np.ndarray:
+    """Mass of the lower wall's blocks, as the beam feels it: they follow it statically, uncracked."""
+    beamed = wall.wall
+    assembly = Assembly(beamed.mesh, replace(beamed.masonry, upper_mass=0.0))
     top = beamed.top_nodes
     carried = [assembly.dof(node, direction) for node in top for direction in (0, 1)]
-    shapes = constraint_modes(stiffness, carried) @ beamed.rigid(top)
+    shapes = constraint_modes(_uncracked(assembly, wall.law), carried) @ beamed.rigid(top)
     return np.asarray(shapes.T @ assembly.mass @ shapes)

@@ -19,6 +19,9 @@ from structid.observation import Observation
 Watching = Callable[[str, HybridTest], None]
 """Called with the name of a test and the test, before it begins."""
 
+PREFIX, SUFFIX = "test_", ".h5"
+"""Of the name of a store."""
+
 
 def store_of(folder: Path, name: str) -> Path:
     """Name the store of a test.
@@ -35,7 +38,26 @@ def store_of(folder: Path, name: str) -> Path:
     Path
         An HDF5 file.
     """
-    return folder / f"test_{name}.h5"
+    return folder / f"{PREFIX}{name}{SUFFIX}"
+
+
+def tests_in(folder: Path, ending: str = "") -> list[str]:
+    """Name the tests that have a store in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the programme.
+    ending : str
+        What the name of a store goes on with: that of its journal, for tests that run.
+
+    Returns
+    -------
+    list of str
+        The latest last.
+    """
+    found = sorted(folder.glob(f"{PREFIX}*{SUFFIX}{ending}"), key=lambda path: path.stat().st_mtime)
+    return [path.name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}{ending}") for path in found]
 
 
 @dataclass(frozen=True, eq=False)

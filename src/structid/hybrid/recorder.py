@@ -31,6 +31,8 @@ TAIL_ROOM = 8 * 2**20
 ROWS_IN_TAIL = 256
 """Rows that a tail has room for at least."""
 SCHEMA = "hybrid-test-1"
+JOURNAL = ".journal"
+"""What the name of a journal goes on with after that of its store."""
 _ENTRY = struct.Struct("<QQI")  # 1 + number of the row, bytes, CRC-32
 
 
@@ -51,7 +53,7 @@ def journal_of(store: Path) -> Path:
     Path
         Beside it.
     """
-    return store.with_name(store.name + ".journal")
+    return store.with_name(store.name + JOURNAL)
 
 
 def tails_of(store: Path) -> tuple[Path, Path]:

@@ -123,8 +123,8 @@ class VirtualHybridTest(TraceableModel):
 
     # --- response -----------------------------------------------------------------------------------------------
 
-    def traced(self, excitation: Excitation) -> TracedExcitation:
-        """Prepare an excitation; see `TraceableModel.traced`.
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
 
         Parameters
         ----------
@@ -133,15 +133,10 @@ class VirtualHybridTest(TraceableModel):
 
         Returns
         -------
-        TracedExcitation
-            At fine steps.
+        int
+            Fine steps of the coupling.
         """
-        key = excitation.content_hash
-        if key not in self._traced_excitations:
-            self._traced_excitations.clear()
-            steps = round(excitation.dt / self.dt) * self.coupling.substeps
-            self._traced_excitations[key] = TracedExcitation.of(excitation, steps)
-        return self._traced_excitations[key]
+        return round(excitation.dt / self.dt) * self.coupling.substeps
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
         """Give the loop over the record; see `TraceableModel.time_loop`.

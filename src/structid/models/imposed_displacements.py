@@ -121,24 +121,20 @@ class ImposedDisplacements(TraceableModel):
         """
         return self.model.static_force(theta)
 
-    def traced(self, excitation: Excitation) -> TracedExcitation:
-        """Prepare an excitation; see `TraceableModel.traced`.
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
 
         Parameters
         ----------
         excitation : Excitation
-            Displacements.
+            What drives it.
 
         Returns
         -------
-        TracedExcitation
-            By samples.
+        int
+            One: `pieces` divides a move, not the record.
         """
-        key = excitation.content_hash
-        if key not in self._traced_excitations:
-            self._traced_excitations.clear()
-            self._traced_excitations[key] = TracedExcitation.of(excitation, 1)
-        return self._traced_excitations[key]
+        return 1
 
     def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
         """Give the loop over the samples; see `TraceableModel.time_loop`.

@@ -239,6 +239,21 @@ class TraceableModel(Model):
             raise NotImplementedError(f"{type(self).__name__} has neither a time_loop nor a response")
         return loop.run()
 
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps from one sample to the next; `substeps` unless they depend on the excitation.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        int
+            One or more.
+        """
+        return self.substeps
+
     def traced(self, excitation: Excitation) -> TracedExcitation:
         """Prepare an excitation for `response`.
 
@@ -256,7 +271,7 @@ class TraceableModel(Model):
         if key not in kept:
             if len(kept) >= KEPT_EXCITATIONS:
                 kept.pop(next(iter(kept)))
-            kept[key] = TracedExcitation.of(excitation, self.substeps, self.own_records)
+            kept[key] = TracedExcitation.of(excitation, self.steps_in_sample(excitation), self.own_records)
         return kept[key]
 
     @cached_property

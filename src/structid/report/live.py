@@ -12,12 +12,13 @@ from typing import Any
 
 from structid.errors import InputError
 from structid.hybrid.live_points import LivePoints
-from structid.report.page import template
+from structid.hybrid.programme import store_of, tests_in
+from structid.hybrid.recorder import JOURNAL
+from structid.report.page import PAGE, template
 
 LOOPBACK = "127.0.0.1"
 NICENESS = 10
 """How far this process steps back behind the test's."""
-PREFIX, SUFFIX = "test_", ".h5"
 
 
 class LiveFolder:
@@ -48,16 +49,13 @@ class LiveFolder:
         dict
             Names of the tests that have ended, and of the one that runs, with what is new of it.
         """
-        stores = sorted(self.folder.glob(f"{PREFIX}*{SUFFIX}"), key=lambda path: path.stat().st_mtime)
-        running = sorted(self.folder.glob(f"{PREFIX}*{SUFFIX}.journal"), key=lambda path: path.stat().st_mtime)
-        ended = [path.name.removeprefix(PREFIX).removesuffix(SUFFIX) for path in stores]
-        report = (self.folder / "report.html").exists()
+        ended, running = tests_in(self.folder), tests_in(self.folder, JOURNAL)
+        report = (self.folder / PAGE).exists()
         if not running:
             return {"ended": ended, "running": None, "report": report}
-        name = running[-1].name.removeprefix(PREFIX).removesuffix(f"{SUFFIX}.journal")
-        store = self.folder / f"{PREFIX}{name}{SUFFIX}"
+        name = running[-1]
         if name not in self._points:
-            self._points = {name: LivePoints(store)}
+            self._points = {name: LivePoints(store_of(self.folder, name))}
         known = self._points[name]
         with contextlib.suppress(FileNotFoundError):
             known.read()

@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.figures import hybrid as figure
 from structid.figures.style import pretty, pretty_unit
+from structid.hybrid.unscented_filter import BAND
 from structid.report.programme_material import ProgrammeMaterial
 from structid.report.section import Drawing, Picture, Section, Table
 from structid.report.tables import number
@@ -16,7 +17,7 @@ from structid.units import factor, label
 
 IN_DOUBT = 3.0
 """Standard deviations of the filter by which it is off, from which it is called overconfident."""
-SIGMAS = 2.0 * 1.959964
+SIGMAS = 2.0 * BAND
 """Standard deviations in a band of 95 %."""
 
 

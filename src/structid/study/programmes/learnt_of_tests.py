@@ -108,17 +108,16 @@ def _drawn(
 
 def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str, draws: np.ndarray) -> PredictedTest:
     """A test as draws have it, from where the tests before have left the specimen."""
-    test = planned.test(planned.section_of(name), planned.specimen())
-    numerical, physical = planned.structure.parts(planned.section_of(name).modes)
-    learning = planned.file.learning
+    section, learning = planned.section_of(name), planned.file.learning
     assert learning is not None  # learnt_of has looked
+    numerical, physical = planned.parts(section.modes)
     virtual = VirtualHybridTest(
-        numerical, physical, planned.learnable(), test.dt, test.coupling, learning.pieces, programme.way_to(name),
+        numerical, physical, planned.learnable(), planned.file.dt, planned.coupling, learning.pieces, programme.way_to(name),
         ("displacement_1",),
     )  # fmt: skip
     happened = programme.tests[name].coarse
     steps = programme.tests[name].feasibility.steps
-    record = _at_steps(test.record, test.dt, steps)
+    record = _at_steps(planned.record_of(section), planned.file.dt, steps)
     drifts = virtual.simulate(draws, record).values[:, :, 0]
     stood = np.isfinite(drifts).all(axis=1)
     return PredictedTest(name, record.time, drifts[stood], happened.physical.displacement[:, 0])

@@ -21,6 +21,7 @@ from structid.hybrid.programme import Programme
 from structid.hybrid.remote import RemoteSpecimen
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import Specimen
+from structid.hybrid.substructure import Substructure
 from structid.hybrid.transfer import Actuator, Sensor
 from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.models.traceable import TraceableModel, as_traceable
@@ -78,7 +79,7 @@ class PlannedProgramme:
         with within("table 'specimen'"):
             return SimulatedSpecimen(
                 force_of(model, len(structure.units)), actuators, channels=structure.channels, units=structure.units,
-                stiffness=structure.parts(1)[1].stiffness, controller_step=given.controller_step, seed=self.file.seed,
+                stiffness=self.parts(1)[1].stiffness, controller_step=given.controller_step, seed=self.file.seed,
                 name=f"{self.file.name}, {model.kind_in_words}", real_time=given.real_time,
             )  # fmt: skip
 
@@ -129,13 +130,48 @@ class PlannedProgramme:
         HybridTest
             Ready to be checked.
         """
-        numerical, physical = self.structure.parts(section.modes)
-        record = replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
+        numerical, physical = self.parts(section.modes)
         with within(f"test '{section.name}'"):
             return HybridTest(
-                numerical, specimen, record, dt=self.file.dt, time_scale=section.time_scale, physical=physical,
+                numerical, specimen, self.record_of(section), dt=self.file.dt, time_scale=section.time_scale, physical=physical,
                 coupling=self.coupling, compensation=_compensation(self.file.compensation), duration=section.duration,
             )  # fmt: skip
+
+    def record_of(self, section: TestSection) -> GroundMotion:
+        """Scale the record for a test.
+
+        Parameters
+        ----------
+        section : TestSection
+            What the file says.
+
+        Returns
+        -------
+        GroundMotion
+            Named by its strength.
+        """
+        return replace(self.record.scale_to_pga(section.pga), name=f"{self.record.name}, {section.pga:g} m/s²")
+
+    def parts(self, modes: int) -> tuple[Substructure, Substructure]:
+        """Cut the structure; the parts of all tests with as many modes are the same ones, with what they have compiled.
+
+        Parameters
+        ----------
+        modes : int
+            Of the numerical part, where it is reduced.
+
+        Returns
+        -------
+        tuple of Substructure
+            Numerical and physical part.
+        """
+        if modes not in self._parts:
+            self._parts[modes] = self.structure.parts(modes)
+        return self._parts[modes]
+
+    @cached_property
+    def _parts(self) -> dict[int, tuple[Substructure, Substructure]]:
+        return {}
 
     @cached_property
     def coupling(self) -> Coupling:
