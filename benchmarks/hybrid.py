@@ -23,6 +23,7 @@ from typing import Any
 
 import common
 import numpy as np
+import opensees_frame
 
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.benchmark import MASS, STIFFNESS, pulse, two_floor_frame, two_floors
@@ -103,28 +104,7 @@ def opensees() -> str:
         import openseespy.opensees as ops
     except ImportError:
         return "not installed here"
-    ops.wipe()
-    ops.model("basic", "-ndm", 1, "-ndf", 1)
-    for node in range(3):
-        ops.node(node, 0.0)
-    ops.fix(0, 1)
-    ops.uniaxialMaterial("Elastic", 1, STIFFNESS)
-    for node in (1, 2):
-        ops.mass(node, MASS)
-        ops.element("zeroLength", node, node - 1, node, "-mat", 1, "-dir", 1, "-doRayleigh", 1)
-    ops.rayleigh(0.0, 0.0, 0.06 / np.sqrt(ops.eigen("-fullGenLapack", 2)[0]), 0.0)
-    ops.timeSeries("Path", 1, "-dt", 0.01, "-values", *map(float, pulse(np.arange(0.0, 2.005, 0.01))))
-    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Plain")
-    ops.numberer("Plain")
-    ops.system("FullGeneral")
-    ops.algorithm("Linear")
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
-    found = []
-    for _ in range(200):
-        ops.analyze(1, 0.01)
-        found.append([ops.nodeDisp(1, 1), ops.nodeDisp(2, 1)])
+    found = opensees_frame.displacements(ops)
     apart = np.abs(two_floors().coarse.u[1:] - found).max() / np.abs(found).max()
     return f"{apart:.1e} of the peak"
 

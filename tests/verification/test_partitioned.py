@@ -1,10 +1,11 @@
 """Partitioned integration against all equations of a step solved at once, and against OpenSees."""
 
 import numpy as np
+import opensees_frame
 import pytest
 from scipy.linalg import block_diag
 
-from structid.hybrid.benchmark import MASS, STIFFNESS, pulse, two_floor_frame, two_floors
+from structid.hybrid.benchmark import pulse, two_floor_frame, two_floors
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 
@@ -66,30 +67,6 @@ def test_all_equations_at_once(fine, substeps):
 
 def test_opensees_has_the_same_frame():
     ops = pytest.importorskip("openseespy.opensees")
-    ops.wipe()
-    ops.model("basic", "-ndm", 1, "-ndf", 1)
-    for node in range(3):
-        ops.node(node, 0.0)
-    ops.fix(0, 1)
-    ops.uniaxialMaterial("Elastic", 1, STIFFNESS)
-    for node in (1, 2):
-        ops.mass(node, MASS)
-        ops.element("zeroLength", node, node - 1, node, "-mat", 1, "-dir", 1, "-doRayleigh", 1)
-    omega = np.sqrt(ops.eigen("-fullGenLapack", 2)[0])
-    ops.rayleigh(0.0, 0.0, 2.0 * 0.03 / omega, 0.0)
-    time = np.arange(0.0, 2.005, 0.01)
-    ops.timeSeries("Path", 1, "-dt", 0.01, "-values", *map(float, pulse(time)))
-    ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
-    ops.constraints("Plain")
-    ops.numberer("Plain")
-    ops.system("FullGeneral")
-    ops.algorithm("Linear")
-    ops.integrator("Newmark", 0.5, 0.25)
-    ops.analysis("Transient")
-    found = []
-    for _ in range(200):
-        assert ops.analyze(1, 0.01) == 0
-        found.append([ops.nodeDisp(1, 1), ops.nodeDisp(2, 1)])
-    ops.wipe()
+    found = opensees_frame.displacements(ops)
     ours = two_floors().coarse.u[1:]
     np.testing.assert_allclose(ours, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
