@@ -14,25 +14,16 @@ from structid.mechanics.sequence import in_sequence
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedOver(RestoringForce):
-    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end.
+class AroundAnother(RestoringForce):
+    """A force that is made of another one, of the same displacements.
 
     Parameters
     ----------
     force : RestoringForce
-        Of the structure as it was at first.
-    way : ndarray, shape (place, dof)
-        Where it was moved to, one after the other; its last place is the new zero [m].
+        Of the structure.
     """
 
     force: RestoringForce
-    way: np.ndarray = field(repr=False)
-
-    def __post_init__(self) -> None:
-        way = np.asarray(self.way, dtype=np.float64)
-        if way.ndim != 2 or not len(way) or not np.isfinite(way).all():
-            raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "(place, dof), finite, one or more")
-        object.__setattr__(self, "way", way)
 
     @property
     def dofs(self) -> int:
@@ -48,6 +39,27 @@ class CarriedOver(RestoringForce):
     def largest_move(self) -> float:
         """As of the structure; see `RestoringForce.largest_move`."""
         return self.force.largest_move
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedOver(AroundAnother):
+    """r(u) of a structure that has gone a way and was then zeroed: displacements and forces count from its end.
+
+    Parameters
+    ----------
+    force : RestoringForce
+        Of the structure as it was at first.
+    way : ndarray, shape (place, dof)
+        Where it was moved to, one after the other; its last place is the new zero [m].
+    """
+
+    way: np.ndarray = field(repr=False)
+
+    def __post_init__(self) -> None:
+        way = np.asarray(self.way, dtype=np.float64)
+        if way.ndim != 2 or not len(way) or not np.isfinite(way).all():
+            raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "(place, dof), finite, one or more")
+        object.__setattr__(self, "way", way)
 
     def at_rest(self, displacement: Any) -> Any:
         """What is remembered at the end of the way; see `RestoringForce.at_rest`.
@@ -96,7 +108,7 @@ class CarriedOver(RestoringForce):
 
 
 @dataclass(frozen=True, eq=False)
-class InPieces(RestoringForce):
+class InPieces(AroundAnother):
     """A structure that is moved straight from place to place, each move in a number of pieces.
 
     A law of which a move is one Runge-Kutta step follows long moves better so.
@@ -109,18 +121,7 @@ class InPieces(RestoringForce):
         Of every move.
     """
 
-    force: RestoringForce
     pieces: int
-
-    @property
-    def dofs(self) -> int:
-        """Number of displacements."""
-        return self.force.dofs
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Of every displacement; see `RestoringForce.units`."""
-        return self.force.units
 
     @property
     def largest_move(self) -> float:
