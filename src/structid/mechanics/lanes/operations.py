@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from jax.extend.core import ClosedJaxpr, Literal
+from jax.lax import slice_p, squeeze_p
 
 CALLS = {"jit": "jaxpr", "pjit": "jaxpr", "closed_call": "call_jaxpr", "custom_jvp_call": "call_jaxpr"}
 """Primitives that stand for a function, and the parameter that holds it."""
@@ -97,7 +98,9 @@ def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], op
     for equation in body.eqns:
         taken = tuple(read(atom) for atom in equation.invars)
         name = equation.primitive.name
-        if name not in CALLS:
+        if name == "unstack":  # what takes an array apart in JAX 0.12
+            made = _taken_apart(taken[0], equation.params["axis"], operations)
+        elif name not in CALLS:
             made = tuple(Result(v.aval) for v in equation.outvars)
             operations.append(Operation(equation.primitive, equation.params, taken, made))
         else:
@@ -108,6 +111,20 @@ def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], op
             made = tuple(_written_out(called.jaxpr, inside, constants, operations))
         known.update(zip(equation.outvars, made, strict=True))
     return [read(atom) for atom in body.outvars]
+
+
+def _taken_apart(array: Any, axis: int, operations: list[Operation]) -> tuple[Result, ...]:
+    """Append what makes one array of each place along an axis: a slice of length one, and then without that axis."""
+    before, length, after = array.aval.shape[:axis], array.aval.shape[axis], array.aval.shape[axis + 1 :]
+    made = []
+    for place in range(length):
+        first, last = (*(0 for _ in before), place, *(0 for _ in after)), (*before, place + 1, *after)
+        part, whole = (Result(array.aval.update(shape=shape)) for shape in ((*before, 1, *after), (*before, *after)))
+        where = {"start_indices": first, "limit_indices": last, "strides": None}
+        operations.append(Operation(slice_p, where, (array,), (part,)))
+        operations.append(Operation(squeeze_p, {"dimensions": (axis,)}, (part,), (whole,)))
+        made.append(whole)
+    return tuple(made)
 
 
 def largest_state(function: Function) -> int:
