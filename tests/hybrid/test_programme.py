@@ -139,6 +139,11 @@ def test_several_channels_are_one_excitation():
     assert observation.channels == ("restoring_force_1", "restoring_force_2", "moment_3")
     np.testing.assert_allclose(observation.values, observation.record.values @ rows, atol=1e-12)
     assert observation.si_units == ("N", "N", "N*m")
+    known = result.observation(sd=(1.0, 2.0, 4.0))
+    np.testing.assert_array_equal(known.sd, np.tile([1.0, 2.0, 4.0], (len(known.values), 1)))
+    for wrong in ((1.0, 2.0), 0.0, (1.0, 2.0, np.nan)):
+        with pytest.raises(InputError, match=r"one for each of restoring_force_1, restoring_force_2, moment_3"):
+            result.observation(sd=wrong)
 
 
 def test_a_programme_ends_with_the_test_that_does(tmp_path):

@@ -197,6 +197,8 @@ MISTAKES = {
     'name = "2"': ('name = "1"', "each name once"),
     'predict = "2"': ('predict = "1"', "a test after 1"),
     'from_test = "1"': ('from_test = "7"', "learning.from_test"),
+    'predict = "2"\ndraws': ('predict = "2"\nsd = ["1 kN", "1 kN"]\ndraws', "one for each of"),
+    'predict = "2"\ndraws = 60': ('predict = "2"\nsd = ["1 mm"]\ndraws = 60', "learning.sd"),
     "force_noise = ": ("noise = ", "online"),
     "update = false": ('update = false\ndrift = "x"', "online.drift"),
     "substeps = 10": ("substeps = 10\nalpha = -0.5", "-1/3"),

@@ -171,7 +171,11 @@ class HybridResult:
 
     @names_checked
     def observation(
-        self, channels: Sequence[str] = (), *, before: Sequence[HybridResult] = (), sd: float | None = None
+        self,
+        channels: Sequence[str] = (),
+        *,
+        before: Sequence[HybridResult] = (),
+        sd: float | Sequence[float] | None = None,
     ) -> Observation:
         """What the specimen was seen to do: forces against its measured displacements, not the commanded ones.
 
@@ -185,8 +189,8 @@ class HybridResult:
             several, with ``"moment_3"`` where the third one turns.
         before : sequence of HybridResult
             Tests on the same specimen, in their order.
-        sd : float, optional
-            Known standard deviation of the forces [N].
+        sd : float or sequence of float, optional
+            Known standard deviation of the forces [N, N·m], one for all channels or one for each.
 
         Returns
         -------
@@ -196,7 +200,7 @@ class HybridResult:
         Raises
         ------
         InputError
-            If a test has no moves, or is of another specimen.
+            If a test has no moves, or is of another specimen; or if `sd` has not one number for each channel.
         """
         tests = (*before, self)
         for test in tests:
@@ -205,15 +209,17 @@ class HybridResult:
                 raise InputError("HybridResult.observation", came, "tests on one specimen that has moved")
         way = np.concatenate([test.datum + test.moves.measured for test in tests])
         forces = np.concatenate([test.moves.force for test in tests])
-        step, name = float(self.moves.time[1]), ", ".join(test.record.name for test in tests)
+        step = float(self.moves.time[1])
+        name = self.record.name if len(tests) == 1 else f"{len(tests)} tests up to {self.record.name}"
         units = [channel.unit for channel in self.description.channels]
         imposed = [
-            (RotationHistory if unit == "rad" else DisplacementHistory)(column, step, f"measured in {name}")
+            (RotationHistory if unit == "rad" else DisplacementHistory)(column, step, f"moves of {name}")
             for unit, column in zip(units, way.T, strict=True)
         ]
-        excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed)
+        excitation = imposed[0] if len(imposed) == 1 else CombinedExcitation(imposed, f"moves of {name}")
         names = tuple(channels) or force_channels(units)
-        return Observation(excitation, forces, names, name=name, sd=sd)
+        known = None if sd is None else np.tile(_for_each(sd, names), (len(forces), 1))
+        return Observation(excitation, forces, names, name=name, sd=known)
 
     def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw how an actuator followed, and the loop that it moved.
@@ -277,3 +283,12 @@ def largest_secant(moves: MoveHistory, stiffness: np.ndarray) -> float:
             found = float(np.fmax(found, ratio))
         last, before = k, change
     return found
+
+
+def _for_each(sd: float | Sequence[float], channels: Sequence[str]) -> np.ndarray:
+    """A standard deviation for each channel."""
+    known = np.atleast_1d(np.asarray(sd, dtype=np.float64))
+    if known.shape not in ((1,), (len(channels),)) or not (np.isfinite(known) & (known > 0.0)).all():
+        allowed = f"one positive number, or one for each of {', '.join(channels)}"
+        raise InputError("HybridResult.observation: sd", f"{sd!r}", allowed)
+    return np.asarray(np.broadcast_to(known, (len(channels),)))

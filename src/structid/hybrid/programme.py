@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -90,7 +90,9 @@ class ProgrammeResult:
         return ""
 
     @names_checked
-    def observation(self, name: str, channels: tuple[str, ...] = (), sd: float | None = None) -> Observation:
+    def observation(
+        self, name: str, channels: tuple[str, ...] = (), sd: float | Sequence[float] | None = None
+    ) -> Observation:
         """What a test and all those before it have shown of the specimen; see `HybridResult.observation`.
 
         Parameters
@@ -99,8 +101,8 @@ class ProgrammeResult:
             The last test that is looked at.
         channels : tuple of str
             Names of the forces.
-        sd : float, optional
-            Known standard deviation of the forces [N].
+        sd : float or sequence of float, optional
+            Known standard deviation of the forces [N, N·m], one for all channels or one for each.
 
         Returns
         -------

@@ -24,11 +24,13 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     how = (
         "No surrogate was used: these are draws of the model's own posterior."
         if calibration is None
-        else f"A surrogate stood in for the model. {calibration.certificate.said(verdict.converged)}"
+        else "A surrogate stood in for the model."
     )
     said = [
         f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
-        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how} {verdict}"
+        f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how}",
+        *([] if calibration is None else _lines(calibration.certificate.said(verdict.converged))),
+        *_lines(str(verdict)),
     ]
     if (seen := learnt.prediction) is not None:
         low, high = (1e3 * edge for edge in seen.band)
@@ -38,6 +40,11 @@ def _words(material: ProgrammeMaterial) -> list[str]:
             f"{1e3 * seen.peak:.4g} mm. The band {holds} it."
         )
     return said
+
+
+def _lines(text: str) -> list[str]:
+    """A paragraph for each line, without the marks of a list."""
+    return [line.strip().removeprefix("- ").removeprefix("! ") for line in text.splitlines()]
 
 
 def _tables(material: ProgrammeMaterial) -> list[Table]:

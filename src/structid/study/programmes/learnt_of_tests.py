@@ -48,7 +48,7 @@ def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Poste
     file, model = planned.file, planned.learnable()
     assert file.learning is not None  # where it is built, this is checked
     driven = ImposedDisplacements(model, pieces=file.learning.pieces)
-    observation = programme.observation(file.learning.from_test, driven.channels)
+    observation = programme.observation(file.learning.from_test, driven.channels, planned.known_sd())
     units = dict(zip(observation.channels, observation.error_units, strict=True))
     return Posterior(parameter_space(file), driven, observation, build_discrepancy(file, units))
 

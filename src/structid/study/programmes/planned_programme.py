@@ -237,6 +237,28 @@ class PlannedProgramme:
             raise InputError("table 'model'", f"a {model.kind_in_words}", allowed)
         return model
 
+    def known_sd(self) -> np.ndarray | None:
+        """Standard deviations of the measured forces, where the file knows them.
+
+        Returns
+        -------
+        ndarray, shape (channel,), or None
+            In SI.
+
+        Raises
+        ------
+        InputError
+            If it does not have one for each channel, in a unit of forces or of moments.
+        """
+        given = None if self.file.learning is None else self.file.learning.sd
+        if given is None:
+            return None
+        units = ["N*m" if unit == "rad" else "N" for unit in self.structure.units]
+        if len(given) != len(units):
+            allowed = f"one for each of {', '.join(self.structure.channels)}"
+            raise InputError("key 'learning.sd'", f"{len(given)} numbers", allowed)
+        return np.array([to_si(sd, unit, "key 'learning.sd'") for sd, unit in zip(given, units, strict=True)])
+
     def section_of(self, name: str) -> TestSection:
         """Find a test.
 

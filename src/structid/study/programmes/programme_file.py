@@ -131,6 +131,7 @@ class LearningSection(Section):
     predict: str | None = None
     draws: int = Field(default=400, ge=50, le=LARGEST_COUNT)
     pieces: int = Field(default=2, ge=1, le=1000)
+    sd: tuple[float | str, ...] | None = None
 
 
 class ProgrammeFile(CalibrationFile):

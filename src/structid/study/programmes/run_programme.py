@@ -58,6 +58,7 @@ def load_programme(path: str | Path) -> PlannedProgramme:
     found = planned(read_programme(path), Path(path).resolve().parent)
     if found.file.learning is not None or found.file.online is not None:
         found.learnable()
+        found.known_sd()
     return found
 
 
