@@ -100,7 +100,7 @@ converged after 14 minutes beside other work (R-hat 1.002, 1 740 effective draws
 | tangential energy [N/m] | 130 | 130.6 | 1.6 |
 | tangential strength [MPa] | 0.270 | 0.2707 | 0.0017 |
 
-No surrogate stands between: these are draws of the model's own posterior, and need no certificate. The verdict doubts the law, and is
+No surrogate stands between: these are draws of the model's own posterior, and need no certificate. The verdict doubts the law,
 right: what is left over is smaller than 0.5 kN, and correlated (0.60 from one move to the next). From it the largest drift of #5 is
 21.7 to 39.9 mm (5 to 95 %); 30.1 mm happened. What it takes is an honest accuracy of the forces,
 `sd = ["0.5 kN", "0.5 kN", "0.8 kN*m"]` (1 % of their peaks). Which joint cracks first hangs on micrometres: with the true parameters

@@ -122,7 +122,7 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
                 f"{1e3 * seen.peak:.4g} mm.", markup=False, soft_wrap=True,
             )  # fmt: skip
     screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
-    if not outcome.programme.tests or not next(iter(outcome.programme.tests.values())).steps:
+    if not outcome.programme.finished:
         raise typer.Exit(FAILED)
     if not trusted:
         raise typer.Exit(NOT_CONVERGED)

@@ -254,7 +254,7 @@ class AdaptiveTimeSeries(Compensation):
         return _Adapting(self, channels, controller_step, time_scale)
 
     def gain(self, omega: float, delay: float) -> complex:
-        """Give 1 + iωτ − ½ (ωτ)², of a series that has found the delay; see `Compensation.gain`.
+        """Give 1 + τ D₁(ω) + ½ τ² D₂(ω), of a series that has found the delay; see `Compensation.gain`.
 
         Parameters
         ----------
@@ -264,10 +264,12 @@ class AdaptiveTimeSeries(Compensation):
         Returns
         -------
         complex
-            The gain.
+            The gain, with what the derivatives of the cubic make of a harmonic motion, D₁ ≈ iω and D₂ ≈ −ω².
         """
-        turn = omega * delay
-        return complex(1.0 - 0.5 * turn**2, turn)
+        spacing = self.delay
+        turns = np.exp(-1j * omega * spacing * np.arange(4))
+        share = delay / spacing
+        return complex(1.0 + share * (CUBIC_SLOPE @ turns) + 0.5 * share**2 * (CUBIC_CURVATURE @ turns))
 
 
 class _Adapting(Compensator):

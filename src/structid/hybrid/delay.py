@@ -9,6 +9,7 @@ Source: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,14 @@ GRID = 4000
 """Frequencies at which the shares of a structure are looked at, before roots are found between two of them."""
 HIGHEST = 3.0
 """Highest frequency that is looked at, over the highest natural one."""
+
+
+INERTIA_ALONE = 30.0
+"""Frequency over the highest natural one from which on inertia alone turns the determinant."""
+SMALL_TURN = 0.5
+"""Largest turn of the determinant between two frequencies [rad]; more are looked at where it is larger."""
+REFINEMENTS = 40
+"""Halvings of a step at most: beyond, a root lies on the axis itself."""
 
 
 @dataclass(frozen=True)
@@ -156,3 +165,50 @@ def critical_delay_of(
         if 0.0 < delay < found.delay:
             found = CriticalDelay(delay, omega)
     return found
+
+
+def growing_oscillations(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    numerical: np.ndarray,
+    physical: np.ndarray,
+    factor: Callable[[float], complex],
+) -> int:
+    """Count the oscillations of a structure that grow where the specimen's force comes late.
+
+    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27; it holds for retarded delays): while Ω goes from 0 to
+    ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N roots that grow, two for
+    each oscillation.
+
+    Parameters
+    ----------
+    mass, damping : ndarray, shape (dof, dof)
+        M [kg] and C [N s/m] of the whole structure.
+    numerical, physical : ndarray, shape (dof, dof)
+        K_N and K_P [N/m].
+    factor : callable
+        G of a frequency Ω [rad/s] in simulated time, e^(−iΩτ) for a delay.
+
+    Returns
+    -------
+    int
+        0 where all decay.
+    """
+    highest = np.sqrt(scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True).max())
+    most = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()
+
+    def directions(omega: np.ndarray) -> np.ndarray:
+        """The determinant over its size."""
+        w, late = omega[:, None, None], np.array([factor(o) for o in omega])[:, None, None]
+        return np.asarray(np.linalg.slogdet(-(w**2) * mass + 1j * w * damping + numerical + late * physical)[0])
+
+    grid = np.linspace(0.0, INERTIA_ALONE * max(highest, most), GRID + 1)
+    found = directions(grid)
+    for _ in range(REFINEMENTS):
+        wide = np.flatnonzero(np.abs(np.angle(found[1:] / found[:-1])) > SMALL_TURN)
+        if not len(wide):
+            break
+        between = 0.5 * (grid[wide] + grid[wide + 1])
+        grid, found = np.insert(grid, wide + 1, between), np.insert(found, wide + 1, directions(between))
+    turn = float(np.angle(found[1:] / found[:-1]).sum())
+    return max(round((len(mass) - turn / np.pi) / 2.0), 0)

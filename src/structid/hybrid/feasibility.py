@@ -9,13 +9,17 @@ import scipy
 
 from structid.hybrid.compensation import Compensation
 from structid.hybrid.coupling import Joined
+from structid.hybrid.delay import growing_oscillations
 from structid.hybrid.motion import Motion
 from structid.hybrid.specimen import SpecimenDescription
-from structid.hybrid.stability import free_oscillations
+from structid.hybrid.stability import free_oscillations, spectral_radius
+from structid.hybrid.tracking import STIFFER, largest_secant
 from structid.hybrid.whole_structure import WholeStructure
 
 LARGEST_FINE_STEP = 0.5
 """ω_P Δt of a fine specimen that is coupled by a virtual step; beyond it its spurious damping is no longer small."""
+ROUNDING = 1e-6
+"""Of a stiffness and of an amplification that should be one or less."""
 SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
 """Shares of K₀ at which the damping of a softened specimen is looked at."""
 
@@ -106,6 +110,58 @@ class Plan:
     time_scale: float
 
 
+@dataclass(frozen=True, eq=False)
+class VirtualMoves:
+    """What a specimen went through in a virtual run, with the force that is expected of it.
+
+    Parameters
+    ----------
+    targets : ndarray, shape (move, channel)
+        Where it was moved to [m].
+    forces : ndarray, shape (move, channel)
+        Its forces [N].
+    collapse : str
+        How it failed; empty where it did not.
+    """
+
+    targets: np.ndarray
+    forces: np.ndarray
+    collapse: str = ""
+
+    @property
+    def bounded(self) -> bool:
+        """Whether everything is finite."""
+        return bool(np.isfinite(self.targets).all() and np.isfinite(self.forces).all())
+
+
+def commanded(plan: Plan, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Say how far and how fast pistons will be commanded, with the compensation, which overshoots and makes small jumps fast.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    targets : ndarray, shape (move, channel)
+        Where the specimen is to be moved to [m].
+
+    Returns
+    -------
+    tuple of ndarray, shape (channel,)
+        Largest displacement [m], and largest velocity [m/s] of wall time. One that learns is taken as it begins; of a specimen that
+        makes its own ramps the mean velocity of a move is given.
+    """
+    step = plan.description.controller_step
+    started = np.concatenate([0.0 * targets[:1], targets])
+    if plan.compensation is None:
+        moves = np.abs(np.diff(started, axis=0)).max(axis=0)
+        duration = plan.time_scale * plan.joined.dt if plan.motion.settles else step
+        return np.abs(targets).max(axis=0), moves * plan.motion.peak_rate / duration
+    compensator = plan.compensation.begin(targets.shape[1], step, plan.time_scale)
+    paths = (plan.motion.path(start, end) for start, end in zip(started[:-1], started[1:], strict=True))
+    commands = np.concatenate([compensator.commands(path) for path in paths])
+    return np.abs(commands).max(axis=0), np.abs(np.diff(commands, axis=0, prepend=0.0 * commands[:1])).max(axis=0) / step
+
+
 def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> np.ndarray:
     """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ).
 
@@ -153,19 +209,17 @@ def spurious_damping(plan: Plan) -> float:
     return min(float(f.damping_ratios.min(initial=0.0)) for f in found)
 
 
-def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int, collapse: str = "") -> Feasibility:
+def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
     """Judge a test by a virtual run.
 
     Parameters
     ----------
     plan : Plan
         The test.
-    targets, forces : ndarray, shape (move, channel)
-        Where the specimen was moved to in the virtual run [m], and its forces [N].
+    virtual : VirtualMoves
+        What the specimen went through.
     steps : int
         Coarse steps.
-    collapse : str
-        How the specimen failed in the virtual run; empty where it did not.
 
     Returns
     -------
@@ -173,60 +227,124 @@ def judged(plan: Plan, targets: np.ndarray, forces: np.ndarray, steps: int, coll
         With everything that speaks against it.
     """
     whole = WholeStructure.of(plan.joined)
-    channels = plan.description.channels
-    delay = max(channel.delay for channel in channels)
-    moves = np.abs(np.diff(targets, axis=0, prepend=0.0 * targets[:1]))
-    velocity = moves.max(axis=0) * plan.motion.peak_rate / plan.description.controller_step
-    damping = damping_with_delay(plan, whole, delay)
+    delay = max(channel.delay for channel in plan.description.channels)
+    with np.errstate(over="ignore", invalid="ignore"):
+        stroke, velocity = commanded(plan, virtual.targets)
     found = Feasibility(
         plan.time_scale * whole.critical_delay.delay,
         delay,
-        tuple(map(float, damping)),
+        tuple(map(float, damping_with_delay(plan, whole, delay))),
         spurious_damping(plan),
-        tuple(map(float, np.abs(targets).max(axis=0))),
+        tuple(map(float, stroke)),
         tuple(map(float, velocity)),
-        tuple(map(float, np.abs(forces).max(axis=0))),
+        tuple(map(float, np.abs(virtual.forces).max(axis=0))),
         steps * plan.joined.dt * plan.time_scale,
         steps,
     )
-    return replace(
-        found,
-        refusals=tuple(_refusals(plan, whole, found)),
-        warnings=(*_warnings(plan, found), *filter(None, [collapse])),
-    )
+    stiffness = largest_stiffness(plan, virtual)
+    refusals = (*_late(plan, whole, found), *_unstable(plan, virtual, stiffness), *_beyond_limits(plan, found))
+    return replace(found, refusals=refusals, warnings=(*_warnings(plan, found, stiffness), *filter(None, [virtual.collapse])))
 
 
-def _refusals(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
-    """Everything that cannot work, a sentence each."""
-    said = []
-    if plan.motion.continuous and min(found.damping) <= 0.0:
-        mode = int(np.argmin(found.damping))
-        said.append(
-            f"With a delay of {1e3 * found.delay:.1f} ms mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a "
-            f"damping of {100.0 * found.damping[mode]:.2f} % and would grow. Without compensation up to "
-            f"{1e3 * found.critical_delay:.1f} ms can be borne. Choose a larger time scale, or compensate the delay."
-        )
-    waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
-    if not plan.motion.continuous and waits < found.delay:
-        said.append(
+def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
+    """Largest stiffness of the specimen over K₀, as it tells it or as it is expected.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    virtual : VirtualMoves
+        What it went through in a virtual run.
+
+    Returns
+    -------
+    float
+        1 where neither is known to be larger.
+    """
+    stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
+    found = [1.0]
+    if plan.description.stiffness is not None:
+        told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
+        found.append(float(scipy.linalg.eigh(told, stiffness, eigvals_only=True).max()))
+    if virtual.bounded:
+        secant = largest_secant(virtual.targets, virtual.targets, virtual.forces, back.T @ stiffness @ back)
+        found += [secant] if secant > STIFFER else []
+    return max(found)
+
+
+def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
+    """What is wrong with the delay, a sentence each."""
+    if not plan.motion.continuous:
+        waits = (plan.motion.samples - plan.motion.ramp - plan.motion.averaged) * plan.description.controller_step
+        if plan.motion.settles or waits >= found.delay:
+            return []
+        return [
             f"The specimen is read {1e3 * waits:.0f} ms after its ramp has ended, and follows {1e3 * found.delay:.1f} ms late. "
             "Choose a larger time scale."
-        )
-    physical = plan.joined.physical.part
-    step = physical.largest_frequency * plan.joined.dt
-    if plan.joined.guesses_for_specimen and step > LARGEST_FINE_STEP:
+        ]
+
+    def factor(omega: float) -> complex:
+        """G of the loop."""
+        turned = omega / plan.time_scale
+        gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, found.delay)
+        return complex(gain * np.exp(-1j * turned * found.delay))
+
+    if plan.compensation is None and found.delay == 0.0:
+        return []
+    growing = growing_oscillations(whole.mass, whole.damping, whole.numerical, whole.physical, factor)
+    if not growing:
+        return []
+    mode = int(np.argmin(found.damping))
+    which = (
+        f"mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a damping of {100.0 * found.damping[mode]:.2f} % and "
+        "would grow"
+        if found.damping[mode] <= 0.0
+        else f"{growing} oscillation{'s' if growing > 1 else ''} would grow"
+    )
+    return [
+        f"With a delay of {1e3 * found.delay:.1f} ms {which}. Without compensation up to {1e3 * found.critical_delay:.1f} ms can be "
+        "borne. Choose a larger time scale, or compensate the delay."
+    ]
+
+
+def _unstable(plan: Plan, virtual: VirtualMoves, stiffness: float) -> list[str]:
+    """What is wrong with steps and splitting, a sentence each."""
+    said = []
+    joined, physical = plan.joined, plan.joined.physical.part
+    step = physical.largest_frequency * joined.dt
+    if joined.guesses_for_specimen and step > LARGEST_FINE_STEP:
         said.append(
             f"ω Δt of the fine specimen is {step:.2f}, at most {LARGEST_FINE_STEP:g} is allowed: its spurious damping grows with "
             f"the cube. Take Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, or the numerical part as the "
             "fine one, or GravouilCombescure."
         )
+    if stiffness > 1.0 + ROUNDING:
+        stiff = joined.of_parts(joined.numerical.part.softened(1.0), physical.softened(stiffness))
+        if (radius := spectral_radius(stiff)) > 1.0 + ROUNDING:
+            said.append(
+                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {joined.dt:g} s grows by "
+                f"{radius:.3g}. K₀ must be its largest tangent; or take smaller steps."
+            )
+    if not virtual.bounded:
+        said.append("In the virtual run displacements grow beyond all bounds: the steps are unstable.")
+    if plan.motion.samples > plan.description.longest_path:
+        said.append(
+            f"A move has {plan.motion.samples} controller steps, and the specimen takes {plan.description.longest_path} at most. "
+            "Choose a smaller time scale, or smaller steps."
+        )
+    return said
+
+
+def _beyond_limits(plan: Plan, found: Feasibility) -> list[str]:
+    """What is beyond the limits of the channels, a sentence each."""
+    said = []
     for k, channel in enumerate(plan.description.channels):
         for what, unit, limit, value in (
             ("displacement", channel.unit, channel.stroke, found.stroke[k]),
             ("velocity", f"{channel.unit}/s", channel.velocity, found.velocity[k]),
             ("force", "N" if channel.unit == "m" else "N m", channel.force, found.force[k]),
         ):
-            if limit is not None and value > limit:
+            if limit is not None and not value <= limit:
                 cure = " Choose a larger time scale." if what == "velocity" else " Choose a weaker record."
                 said.append(
                     f"{channel.name}: a {what} of {value:.4g} {unit} is expected, and the limit is {limit:.4g}.{cure}"
@@ -234,21 +352,18 @@ def _refusals(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str
     return said
 
 
-def _warnings(plan: Plan, found: Feasibility) -> list[str]:
+def _warnings(plan: Plan, found: Feasibility, stiffness: float) -> list[str]:
     """What one should know, a sentence each."""
     said = []
     if found.spurious_damping < -1e-6:
         said.append(
             f"A specimen that softens gets a spurious damping of down to {100.0 * found.spurious_damping:.2g} % from this coupling."
         )
-    if plan.description.stiffness is not None:
-        told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
-        largest = float(scipy.linalg.eigh(told, plan.joined.physical.part.stiffness, eigvals_only=True).max())
-        if largest > 1.0 + 1e-6:
-            said.append(
-                f"The specimen tells a stiffness that is {largest:.3g} times the K₀ of its part. K₀ must be the largest tangent, "
-                "or steps may be unstable."
-            )
+    if stiffness > 1.0 + ROUNDING:
+        said.append(
+            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps may be "
+            "unstable."
+        )
     if plan.compensation is None and plan.motion.continuous and found.delay > 0.5 * found.critical_delay:
         share = found.delay / found.critical_delay
         said.append(f"The delay is {100.0 * share:.0f} % of the critical one, and nothing compensates it.")

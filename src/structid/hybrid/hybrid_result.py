@@ -30,10 +30,6 @@ from structid.observation import Observation
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-LEAST_SECANT, OVER_NOISE = 0.1, 100.0
-"""Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
-STIFFER = 1.05
-"""Secant over K₀ from which a warning is due."""
 
 
 class Event(NamedTuple):
@@ -250,39 +246,6 @@ class HybridResult:
         time = 0.0 if self.histories is None else self.histories.coarse.time[-1]
         ended = "finished" if self.finished else (self.events[-1].what if self.events else "ended")
         return f"HybridResult: {self.steps} of {self.feasibility.steps} steps, {time:g} s of simulated time, {ended}"
-
-
-def largest_secant(moves: MoveHistory, stiffness: np.ndarray) -> float:
-    """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
-
-    Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
-    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out.
-
-    Parameters
-    ----------
-    moves : MoveHistory
-        Of the specimen.
-    stiffness : ndarray, shape (channel, channel)
-        K₀ in its channels [N/m].
-
-    Returns
-    -------
-    float
-        NaN where nothing moved.
-    """
-    peak = float(np.abs(moves.measured).max(initial=0.0))
-    noise = float(np.diff(moves.measured - moves.target, axis=0).std() / np.sqrt(2.0)) if len(moves) > 2 else 0.0
-    least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
-    found, last, before = np.nan, 0, None
-    for k in range(1, len(moves) if peak > 0.0 else 0):
-        change = moves.measured[k] - moves.measured[last]
-        if np.abs(change).max() < least:
-            continue
-        if before is not None and before @ change > 0.0:
-            ratio = float(change @ (moves.force[k] - moves.force[last]) / (change @ stiffness @ change))
-            found = float(np.fmax(found, ratio))
-        last, before = k, change
-    return found
 
 
 def _for_each(sd: float | Sequence[float], channels: Sequence[str]) -> np.ndarray:

@@ -15,9 +15,9 @@ from structid.errors import InputError, StructidWarning, names_checked
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.compensation import Compensation
 from structid.hybrid.coupling import CoarseStep, Coupling, Joined
-from structid.hybrid.feasibility import Feasibility, Plan, judged
-from structid.hybrid.hybrid_result import STIFFER, Event, HybridResult, largest_secant
-from structid.hybrid.motion import Motion, continuous_motion, ramp_and_hold
+from structid.hybrid.feasibility import Feasibility, Plan, VirtualMoves, judged
+from structid.hybrid.hybrid_result import Event, HybridResult
+from structid.hybrid.motion import ITS_OWN_RAMP, Motion, continuous_motion, ramp_and_hold
 from structid.hybrid.partitioned_run import StepFrame, base_of, steps_over
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
@@ -25,6 +25,7 @@ from structid.hybrid.result_file import About, save
 from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.specimen_force import Move, SpecimenForce
 from structid.hybrid.substructure import Substructure
+from structid.hybrid.tracking import STIFFER, largest_secant
 from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.mechanics.restoring_forces import CollapseError
 
@@ -50,8 +51,8 @@ class HybridTest:
     time_scale : float
         λ, wall time over simulated time.
     coupling : Coupling, optional
-        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold; a fine one continuously, a fine
-        step in λ Δt/ss, which must be a whole number of its controller steps.
+        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold, its own one if it takes one place
+        a move; a fine one continuously, a fine step in λ Δt/ss, which must be a whole number of its controller steps.
     compensation : Compensation, optional
         Of the delay of the transfer system.
     physical : Substructure, optional
@@ -148,6 +149,8 @@ class HybridTest:
     @cached_property
     def _motion(self) -> Motion:
         wall, step = self.time_scale * self.dt, self._description.controller_step
+        if self.coupling.fine != "physical" and self._description.longest_path == 1:
+            return ITS_OWN_RAMP
         if self.coupling.fine == "physical":
             return continuous_motion(wall / self.coupling.substeps, step)
         return ramp_and_hold(wall, step)
@@ -194,12 +197,12 @@ class HybridTest:
         numerical, physical = self._parts
         joined = self._joined(self._force(self.specimen, [])).of_parts(numerical, physical)
         geometry, base = self._geometry, base_of(self.record, joined, self.duration)
-        taken, collapse = _taken_virtually(joined, base)
+        with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
+            taken, collapse = _taken_virtually(joined, base)
         moved = _imposed(joined, taken)
-        targets = moved[0] @ geometry.T
-        forces = moved[1] @ np.linalg.pinv(geometry)
+        virtual = VirtualMoves(moved[0] @ geometry.T, moved[1] @ np.linalg.pinv(geometry), collapse)
         plan = Plan(joined, self._description, geometry, self._motion, self.compensation, self.time_scale)
-        return judged(plan, targets, forces, (len(base) - 1) // joined.substeps, collapse)
+        return judged(plan, virtual, (len(base) - 1) // joined.substeps)
 
     def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
         """Run the test.
@@ -254,11 +257,14 @@ class HybridTest:
         rows, events = self._taken(joined, about, moves, recorder, earlier)
         result = about.result(rows, events)
         back = np.linalg.pinv(self._geometry)
-        stiffer = largest_secant(result.moves, back.T @ self._parts[1].stiffness @ back)
+        seen = result.moves
+        stiffer = largest_secant(
+            seen.measured, seen.target, seen.force, back.T @ self._parts[1].stiffness @ back
+        )
         if stiffer > STIFFER:
             said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
-            warnings.warn(said, StructidWarning, stacklevel=3)
-            events.append(Event(result.steps * self.dt, said))
+            warnings.warn(said, StructidWarning, stacklevel=4)
+            events.insert(0, Event(result.steps * self.dt, said))  # what ended the test comes last
         path = None if self.online is None else self.online.path()
         result = replace(result, events=tuple(events), stiffness_ratio=stiffer, online=path)
         if recorder is not None and store is not None:
@@ -320,7 +326,7 @@ def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResu
     except OSError as error:
         said = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
         return replace(
-            result, events=(*result.events, Event(float(result.coarse.time[-1]) if result.histories else 0.0, said))
+            result, events=(Event(float(result.coarse.time[-1]) if result.histories else 0.0, said), *result.events)
         )
     recorder.remove()
     for path in (journal_of(store), *tails_of(store)):

@@ -26,16 +26,19 @@ class Motion:
         How many of them move; the rest holds.
     averaged : int
         How many of the last are averaged in a reading.
+    settles : bool
+        Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move.
     """
 
     samples: int
     ramp: int
     averaged: int
+    settles: bool = False
 
     @property
     def continuous(self) -> bool:
         """Whether it never stops."""
-        return self.ramp == self.samples
+        return self.ramp == self.samples and not self.settles
 
     def path(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
         """Give the targets of its controller steps.
@@ -107,6 +110,10 @@ def continuous_motion(wall_time: float, controller_step: float) -> Motion:
     """
     count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
     return Motion(count, count, 1)
+
+
+ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
+"""Of a specimen that takes one place a move."""
 
 
 def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:

@@ -14,6 +14,7 @@ from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_result import HybridResult
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.result_file import open_hybrid
+from structid.hybrid.specimen import SpecimenError
 from structid.observation import Observation
 
 Watching = Callable[[str, HybridTest], None]
@@ -70,10 +71,13 @@ class ProgrammeResult:
         Those that were begun, in their order.
     planned : tuple of str
         Names of all tests.
+    not_released : str
+        Why the specimen could not be moved again after the last of these tests; empty where it could.
     """
 
     tests: dict[str, HybridResult]
     planned: tuple[str, ...]
+    not_released: str = ""
 
     @property
     def finished(self) -> bool:
@@ -87,7 +91,7 @@ class ProgrammeResult:
             if not test.finished:
                 event = test.events[-1] if test.events else None
                 return f"Test {name} ended" + (f" at {event.time:.3f} s: {event.what}" if event else ".")
-        return ""
+        return f"The programme ended after test {name}: {self.not_released}" if self.not_released else ""
 
     @names_checked
     def observation(
@@ -181,7 +185,8 @@ class Programme:
         folder : path-like, optional
             For a store of every test.
         resume : bool
-            Whether to go on with what is there. A simulated specimen is moved through all of it again, and must do what it did.
+            Whether to go on with what is there. A simulated specimen is moved through all of it again, and must do what it did. Of
+            a structure finished tests stay as they are, and the next one begins: its operator has released the specimen since.
         watching : callable, optional
             Called before every test with its name and the test.
 
@@ -194,7 +199,7 @@ class Programme:
         ------
         InputError
             If a test cannot work, before anything moves; if the folder holds a programme already; if a test on a structure is to
-            be resumed.
+            be resumed in its middle.
         """
         for name, found in self.check().items():
             if not found.can_work:
@@ -204,13 +209,20 @@ class Programme:
             for store in stores.values():
                 if store is not None and store.exists():
                     raise InputError(f"{folder}", f"{store.name} is there already", "a new folder, or resume=True")
-        specimen = next(iter(self.tests.values())).specimen
+        specimen, moved = next(iter(self.tests.values())).specimen, False
         results: dict[str, HybridResult] = {}
         for name, planned in self.tests.items():
-            test = replace(planned, specimen=specimen if not results else specimen.released())
+            known = _done_before(stores[name]) if resume else None
+            if known is not None:
+                results[name] = known
+                continue
+            try:
+                test = replace(planned, specimen=specimen.released() if moved else specimen)
+            except SpecimenError as error:
+                return ProgrammeResult(results, tuple(self.tests), str(error))
             if watching is not None:
                 watching(name, test)
-            results[name] = _run(test, stores[name], resume)
+            results[name], moved = _run(test, stores[name], resume), True
             specimen = test.specimen
             specimen.close()
             if not results[name].finished:
@@ -218,16 +230,27 @@ class Programme:
         return ProgrammeResult(results, tuple(self.tests))
 
 
+def _done_before(store: Path | None) -> HybridResult | None:
+    """A finished test on a structure: it stays as it is, and its operator has released the specimen since."""
+    if store is None or not store.exists():
+        return None
+    known = open_hybrid(store)
+    if known.description.simulated:
+        return None
+    if not known.finished:
+        raise InputError(
+            f"{store}", "a test on a structure that did not come to its end", "one that did",
+            "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began. Make a new "
+            "programme of the tests that are left.",
+        )  # fmt: skip
+    return known
+
+
 def _run(test: HybridTest, store: Path | None, resume: bool) -> HybridResult:
     """Run a test, or do again what is stored of it."""
     if store is None or not (resume and store.exists()):
         return test.run(store, resume=resume)
     known = open_hybrid(store)
-    if not known.description.simulated:
-        raise InputError(
-            f"{store}", "a test on a structure", "a simulated specimen",
-            "A programme on a structure is not resumed: make a new one of the tests that are left.",
-        )  # fmt: skip
     again = test.run()
     same = again.steps == known.steps and np.array_equal(again.moves.measured, known.moves.measured)
     if not same:

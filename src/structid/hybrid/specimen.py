@@ -64,7 +64,7 @@ class SpecimenDescription(BaseModel):
     datum : tuple of float, or None
         Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again.
     longest_path : int
-        Controller steps that one move may have.
+        Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to itself.
     software : str
         That drives it.
     """
@@ -115,7 +115,8 @@ class SpecimenDescription(BaseModel):
             farthest = float(np.abs(path[:, k]).max())
             if channel.stroke is not None and farthest > channel.stroke:
                 return f"{channel.name}: a displacement of {farthest:.6g} {channel.unit}, and its limit is {channel.stroke:.6g}"
-            if channel.velocity is not None and rates[k] > channel.velocity * (1.0 + 1e-9):
+            given = channel.velocity is not None and self.longest_path > 1
+            if given and rates[k] > channel.velocity * (1.0 + 1e-9):
                 return f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s, and its limit is {channel.velocity:.6g}"
         return None
 

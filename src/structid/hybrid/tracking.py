@@ -13,6 +13,11 @@ import scipy
 
 from structid.errors import InputError
 
+LEAST_SECANT, OVER_NOISE = 0.1, 100.0
+"""Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
+STIFFER = 1.05
+"""Secant over K₀ from which a warning is due."""
+
 
 def root_mean_square_error(wanted: np.ndarray, measured: np.ndarray) -> float:
     """RMS (u_m − u_c) over RMS u_c.
@@ -118,3 +123,38 @@ def frequency_evaluation_index(wanted: np.ndarray, measured: np.ndarray, dt: flo
     return FrequencyEvaluationIndex(
         float(np.abs(ratio)), float(-np.angle(ratio) / (2.0 * np.pi * frequency)), frequency
     )
+
+
+def largest_secant(measured: np.ndarray, target: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> float:
+    """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
+
+    Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
+    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out.
+
+    Parameters
+    ----------
+    measured, target : ndarray, shape (move, channel)
+        Where the specimen was, and where it should be [m]; their difference shows the noise.
+    force : ndarray, shape (move, channel)
+        That it exerts [N].
+    stiffness : ndarray, shape (channel, channel)
+        K₀ in its channels [N/m].
+
+    Returns
+    -------
+    float
+        NaN where nothing moved.
+    """
+    peak = float(np.abs(measured).max(initial=0.0))
+    noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0
+    least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
+    found, last, before = np.nan, 0, None
+    for k in range(1, len(measured) if peak > 0.0 else 0):
+        change = measured[k] - measured[last]
+        if np.abs(change).max() < least:
+            continue
+        if before is not None and before @ change > 0.0:
+            ratio = float(change @ (force[k] - force[last]) / (change @ stiffness @ change))
+            found = float(np.fmax(found, ratio))
+        last, before = k, change
+    return found
