@@ -13,6 +13,7 @@ from structid.hybrid.delay import growing_oscillations
 from structid.hybrid.motion import Motion
 from structid.hybrid.specimen import SpecimenDescription
 from structid.hybrid.stability import free_oscillations, spectral_radius
+from structid.hybrid.substructure import Substructure
 from structid.hybrid.tracking import STIFFER, largest_secant
 from structid.hybrid.whole_structure import WholeStructure
 
@@ -20,6 +21,12 @@ LARGEST_FINE_STEP = 0.5
 """ω_P Δt of a fine specimen that is coupled by a virtual step; beyond it its spurious damping is no longer small."""
 ROUNDING = 1e-6
 """Of a stiffness and of an amplification that should be one or less."""
+ABSURD = 1e3
+"""Displacement [m] that no specimen comes to."""
+TANGENT_ERROR = 1e-4
+"""Of a stiffness that was probed, over K₀."""
+PROBE = 1e-7
+"""Displacement [m] by which the first tangent of what is expected is probed."""
 SOFTENED = (1.0, 0.5, 0.3, 0.1, 0.03)
 """Shares of K₀ at which the damping of a softened specimen is looked at."""
 
@@ -130,8 +137,8 @@ class VirtualMoves:
 
     @property
     def bounded(self) -> bool:
-        """Whether everything is finite."""
-        return bool(np.isfinite(self.targets).all() and np.isfinite(self.forces).all())
+        """Whether everything is finite, and no displacement absurd."""
+        return bool(np.abs(self.targets).max() < ABSURD and np.isfinite(self.forces).all())
 
 
 def commanded(plan: Plan, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -262,7 +269,7 @@ def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
         1 where neither is known to be larger.
     """
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
-    found = [1.0]
+    found = [1.0, float(scipy.linalg.eigh(_first_tangent(plan.joined.physical.part), stiffness, eigvals_only=True).max())]
     if plan.description.stiffness is not None:
         told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
         found.append(float(scipy.linalg.eigh(told, stiffness, eigvals_only=True).max()))
@@ -270,6 +277,15 @@ def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
         secant = largest_secant(virtual.targets, virtual.targets, virtual.forces, back.T @ stiffness @ back)
         found += [secant] if secant > STIFFER else []
     return max(found)
+
+
+def _first_tangent(part: Substructure) -> np.ndarray:
+    """Of the force that is expected, by small moves from rest."""
+    start = np.zeros(part.dofs)
+    at_rest, memory = part.force.begin(start)
+    columns = [(part.force.at(memory, PROBE * row)[0] - at_rest) / PROBE for row in np.eye(part.dofs)]
+    tangent = np.column_stack(columns)
+    return np.asarray(0.5 * (tangent + tangent.T))
 
 
 def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
@@ -318,7 +334,7 @@ def _unstable(plan: Plan, virtual: VirtualMoves, stiffness: float) -> list[str]:
             f"the cube. Take Δt of {LARGEST_FINE_STEP / physical.largest_frequency:.2g} s or less, or the numerical part as the "
             "fine one, or GravouilCombescure."
         )
-    if stiffness > 1.0 + ROUNDING:
+    if stiffness > 1.0 + TANGENT_ERROR:
         stiff = joined.of_parts(joined.numerical.part.softened(1.0), physical.softened(stiffness))
         if (radius := spectral_radius(stiff)) > 1.0 + ROUNDING:
             said.append(
@@ -359,7 +375,7 @@ def _warnings(plan: Plan, found: Feasibility, stiffness: float) -> list[str]:
         said.append(
             f"A specimen that softens gets a spurious damping of down to {100.0 * found.spurious_damping:.2g} % from this coupling."
         )
-    if stiffness > 1.0 + ROUNDING:
+    if stiffness > 1.0 + TANGENT_ERROR:
         said.append(
             f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps may be "
             "unstable."

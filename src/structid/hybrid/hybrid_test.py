@@ -22,10 +22,12 @@ from structid.hybrid.partitioned_run import StepFrame, base_of, steps_over
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
 from structid.hybrid.result_file import About, save
+from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.specimen_force import Move, SpecimenForce
 from structid.hybrid.substructure import Substructure
 from structid.hybrid.tracking import STIFFER, largest_secant
+from structid.hybrid.transfer import Actuator
 from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.mechanics.restoring_forces import CollapseError
 
@@ -159,13 +161,13 @@ class HybridTest:
         numerical, physical = self._parts
         return self.coupling.joined(numerical, replace(physical, restoring_force=force), self.dt)
 
-    def _force(self, specimen: Specimen, moves: list[Move]) -> SpecimenForce:
+    def _force(self, specimen: Specimen, moved: Callable[[Move], None] | None = None) -> SpecimenForce:
         step = self._description.controller_step
         begun = (
             None if self.compensation is None else self.compensation.begin(len(self._geometry), step, self.time_scale)
         )
         correction = self._parts[1].stiffness if self.force_correction else None
-        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, self._seeing(moves))
+        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moved)
 
     def _seeing(self, moves: list[Move]) -> Callable[[Move], None]:
         """Keep every move, and show it to the filter."""
@@ -194,15 +196,33 @@ class HybridTest:
         InputError
             If parts, record, geometry or steps do not fit together.
         """
-        numerical, physical = self._parts
-        joined = self._joined(self._force(self.specimen, [])).of_parts(numerical, physical)
-        geometry, base = self._geometry, base_of(self.record, joined, self.duration)
+        joined = self._joined(self._force(self.specimen)).of_parts(*self._parts)
+        base = base_of(self.record, joined, self.duration)
         with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
-            taken, collapse = _taken_virtually(joined, base)
-        moved = _imposed(joined, taken)
-        virtual = VirtualMoves(moved[0] @ geometry.T, moved[1] @ np.linalg.pinv(geometry), collapse)
-        plan = Plan(joined, self._description, geometry, self._motion, self.compensation, self.time_scale)
+            virtual = self._virtual_moves(joined, base)
+        plan = Plan(joined, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
         return judged(plan, virtual, (len(base) - 1) // joined.substeps)
+
+    def _virtual_moves(self, joined: Joined, base: np.ndarray) -> VirtualMoves:
+        """What the specimen will go through, with the force that is expected of it.
+
+        A continuous motion is read late, and what is late, compensated or not, is commanded other moves: then it is a simulated
+        specimen behind a transfer system with the delays of this one.
+        """
+        channels, geometry = self._description.channels, self._geometry
+        late = self._motion.continuous and any(channel.delay for channel in channels)
+        if not (late and np.array_equal(geometry, np.eye(len(channels)))):
+            taken, collapse = _taken_virtually(joined, base)
+            moved = _imposed(joined, taken)
+            return VirtualMoves(moved[0] @ geometry.T, moved[1] @ np.linalg.pinv(geometry), collapse)
+        specimen = SimulatedSpecimen(
+            self._parts[1].force, [Actuator(delay=channel.delay) for channel in channels],
+            channels=[channel.name for channel in channels], units=[channel.unit for channel in channels],
+            controller_step=self._description.controller_step,
+        )  # fmt: skip
+        moves: list[Move] = []
+        _, collapse = _taken_virtually(self._joined(self._force(specimen, moves.append)), base)
+        return VirtualMoves(np.stack([m.target for m in moves]), np.stack([m.force for m in moves]), collapse)
 
     def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
         """Run the test.
@@ -244,7 +264,7 @@ class HybridTest:
         moves: list[Move] = []
         if self.online is not None:
             self.online.begin(0.0 if self._description.datum is None else self._description.datum[0])
-        joined = self._joined(self._force(self.specimen, moves))
+        joined = self._joined(self._force(self.specimen, self._seeing(moves)))
         about = About(
             self._description,
             checked,
@@ -340,7 +360,7 @@ def _taken_virtually(joined: Joined, base: np.ndarray) -> tuple[list[CoarseStep]
     try:
         for step in steps_over(joined, joined.start(base[0]), base):
             taken.append(step)
-    except CollapseError as collapse:
+    except (CollapseError, SpecimenError) as collapse:
         return taken, f"In the virtual run the specimen fails at {len(taken) * joined.dt:.3g} s: {collapse}."
     return taken, ""
 
