@@ -14,6 +14,7 @@ from structid.hybrid.benchmark import pulse, two_floor_frame
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.openfresco import OpenFrescoSpecimen
+from structid.hybrid.programme import Programme
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import SpecimenChannel, SpecimenDescription, SpecimenError
 from structid.mechanics.restoring_forces import LinearForce
@@ -129,6 +130,15 @@ def test_what_goes_wrong_ends_the_test_and_keeps_its_steps(wrong, said):
     if wrong == "nan":
         server.thread.join(5.0)
         assert server.ended  # it was told, and does not wait for ever
+
+
+def test_a_programme_ends_in_order_after_its_first_test():
+    """The dialect cannot say that a specimen was unloaded: its operator must, and a second programme goes on."""
+    server = SiteServer(LOWER.force)
+    bridge = OpenFrescoSpecimen(server.address, description())
+    found = Programme({name: hybrid_test(bridge, 0.2) for name in ("1", "2")}).run()
+    assert list(found.tests) == ["1"] and found.tests["1"].finished and not found.finished
+    assert "after test 1" in str(found) and "by its operator" in found.ended_by
 
 
 def test_limits_are_held_on_this_side():

@@ -229,7 +229,7 @@ def test_a_session_of_before_cannot_be_played_again(server):
 
 
 def test_a_thousand_random_and_mutated_frames(server):
-    """Strangers' noise, and a true session's message with a byte changed: nothing moves, memory stays, the server serves on."""
+    """Strangers' noise, and a true greeting with a byte changed: nothing moves, memory stays, the server serves on."""
     rng = np.random.default_rng(5)
     whole = packed(Frame(Kind.HELLO, 0, Hello(nonce=bytes(16).hex()).model_dump_json().encode()), GREETING_KEY)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
@@ -247,6 +247,41 @@ def test_a_thousand_random_and_mutated_frames(server):
     gc.collect()
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kilobytes
     assert not server.specimen.held
+    np.testing.assert_array_equal(RemoteSpecimen(server.address, SECRET).move(np.array([[0.5]])).force, [1.0])
+
+
+@pytest.mark.parametrize("moved", [False, True], ids=["before it has moved", "after it has moved"])
+def test_a_session_s_own_messages_with_a_byte_changed(moved):
+    """Whatever byte of a signed move it is: the session ends, nothing moves, and what has moved holds its last accepted position."""
+    rng = np.random.default_rng(6)
+    whole = HEADER.size + len(packed_move(np.array([[0.7]]), 1)) + 32
+    places = [*range(0, whole, 7), *map(int, rng.integers(whole, size=30))]
+    for place in places:
+        with SpecimenServer(specimen(), SECRET, watchdog=0.3) as server:
+            client = Client(server).greet()
+            if moved:
+                client.ask(Kind.MOVE, packed_move(np.array([[0.25]]), 1))
+            message = bytearray(packed(Frame(Kind.MOVE, client.sequence + 1, packed_move(np.array([[0.7]]), 1)), client.key))
+            message[place] ^= int(rng.integers(1, 256))
+            client.socket.sendall(message)
+            assert client.is_dropped()
+        assert server.specimen.position == (0.25 if moved else 0.0)
+        assert bool(server.specimen.held) == moved
+
+
+def test_a_crowd_of_strangers_takes_no_memory(server):
+    """Hundreds of open connections that announce megabytes: those beyond a number are closed, and nothing is reserved for the rest."""
+    head = HEADER.pack(MAGIC, VERSION, Kind.HELLO, 0, 4 * 2**20, 0)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    crowd = [socket.create_connection(parsed_address(server.address), 2.0) for _ in range(200)]
+    for stranger in crowd:
+        with contextlib.suppress(OSError):
+            stranger.sendall(head + bytes(1000))
+    threads = threading.active_count()
+    for stranger in crowd:
+        stranger.close()
+    assert threads < 50
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kilobytes
     np.testing.assert_array_equal(RemoteSpecimen(server.address, SECRET).move(np.array([[0.5]])).force, [1.0])
 
 

@@ -13,6 +13,7 @@ from typing import Self
 from structid.errors import InputError, names_checked
 from structid.hybrid.specimen import Specimen, SpecimenError
 from structid.hybrid.wire import (
+    LARGEST_GREETING,
     NONCE,
     Frame,
     Hello,
@@ -35,6 +36,8 @@ GREETING = 1.0
 """How long a client may take to say HELLO [s]."""
 CHANGE_OVER = 0.2
 """How long a client waits for a session that is just ending [s]."""
+MOST_CONNECTIONS = 32
+"""Connections at once, with all strangers; more are closed unheard."""
 LOOPBACK = "127.0.0.1"
 
 Log = Callable[[str], None]
@@ -169,8 +172,12 @@ class SpecimenServer:
                     continue
                 except OSError:
                     return
+                self._threads = [t for t in self._threads if t.is_alive()]
+                if len(self._threads) > MOST_CONNECTIONS:
+                    connection.close()  # strangers that fill the house get nothing, and no memory
+                    continue
                 thread = threading.Thread(target=self._client, args=(connection, f"{peer[0]}:{peer[1]}"), daemon=True)
-                self._threads = [t for t in self._threads if t.is_alive()] + [thread]
+                self._threads.append(thread)
                 thread.start()
 
     def _client(self, connection: socket.socket, peer: str) -> None:
@@ -196,7 +203,7 @@ class SpecimenServer:
     def _greeted(self, connection: socket.socket) -> _Session | None:
         """Answer a HELLO; None where nobody is let in. The specimen is this session's until it ends."""
         key = greeting_key(self._secret)
-        frame = received(connection, key, GREETING)
+        frame = received(connection, key, GREETING, LARGEST_GREETING)
         if frame is None:
             return None
         if frame.kind is not Kind.HELLO or frame.sequence != 0:

@@ -37,8 +37,8 @@ MAGIC, VERSION = b"SIDH", 1
 HEADER = struct.Struct("<4sHHQII")
 MOVE_HEAD = struct.Struct("<III")
 TAG, NONCE = 32, 16
-LARGEST_PAYLOAD = 4 * 2**20
-"""Bytes; a longer frame is refused before it is read."""
+LARGEST_PAYLOAD, LARGEST_GREETING = 4 * 2**20, 4096
+"""Bytes of a session's frames, and of a stranger's first one; a longer frame is refused before it is read."""
 SHORTEST_SECRET = 16
 """Characters."""
 
@@ -170,7 +170,9 @@ def packed(frame: Frame, key: bytes) -> bytes:
     return body + hmac.digest(key, body, "sha256")
 
 
-def received(connection: socket.socket, key: bytes, patience: float) -> Frame | None:
+def received(
+    connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD
+) -> Frame | None:
     """Wait for a frame, and check everything of it that does not depend on the session.
 
     Parameters
@@ -181,6 +183,8 @@ def received(connection: socket.socket, key: bytes, patience: float) -> Frame | 
         That its tag must have.
     patience : float
         How long to wait until all of it is there [s].
+    largest : int
+        Bytes of the longest payload that is read.
 
     Returns
     -------
@@ -205,7 +209,7 @@ def received(connection: socket.socket, key: bytes, patience: float) -> Frame | 
         raise WireError(
             f"The other side speaks version {version} of the protocol, and this is version {VERSION}. Update the older one."
         )
-    if zero or kind not in Kind.__members__.values() or length > LARGEST_PAYLOAD:
+    if zero or kind not in Kind.__members__.values() or length > largest:
         raise WireError(f"A malformed header came: kind {kind}, {length} bytes.")
     rest = _exactly(connection, length + TAG, until)
     assert rest is not None  # a connection that ends here has raised
