@@ -198,11 +198,15 @@ def write_then_rename(path: Path, content: bytes) -> None:
         Its content.
     """
     temporary = path.with_name(path.name + ".partial")
-    with temporary.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}

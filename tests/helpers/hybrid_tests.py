@@ -49,19 +49,21 @@ def serve(port_file):
 
 
 def run(address, store, counter, limit):
-    """Run the test, and count in a mapped file how many rows have been recorded; `limit` is the largest file in bytes."""
+    """Run the test, and count in a mapped file how many rows have been recorded; after `limit` rows, if any, no file may grow."""
     from structid.hybrid import recorder
 
     recorder.TAIL_ROOM, recorder.ROWS_IN_TAIL = 2**18, 16
-    if int(limit):
-        resource.setrlimit(resource.RLIMIT_FSIZE, (int(limit), resource.RLIM_INFINITY))
     with Path(counter).open("r+b") as file:
         counted = mmap.mmap(file.fileno(), 8)
     add = recorder.Recorder.add
 
     def counting(self, row):
         add(self, row)
-        counted[:8] = struct.pack("<q", struct.unpack("<q", counted[:8])[0] + 1)
+        rows = struct.unpack("<q", counted[:8])[0] + 1
+        counted[:8] = struct.pack("<q", rows)
+        if rows == int(limit):
+            size = os.path.getsize(recorder.journal_of(Path(store)))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
     recorder.Recorder.add = counting
     specimen = RemoteSpecimen(address, SECRET) if address != "local" else storey()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ from structid.hybrid.recorder import SCHEMA, journal_of, recorded
 from structid.hybrid.specimen import SpecimenDescription
 from structid.hybrid.specimen_force import Move
 from structid.hybrid.unscented_filter import FilteredPath
-from structid.journal import opened_hdf5, refuse_other_layout
+from structid.journal import opened_hdf5, refuse_other_layout, write_then_rename
 
-CUT_OFF = "The recording was cut off: its process died. Every finished step is here."
+CUT_OFF = "The recording was cut off: its process died, or its disk was full. Every finished step is here."
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,11 +159,16 @@ def save(result: HybridResult, path: Path) -> None:
         Of a test that has ended.
     path : Path
         The HDF5 file.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
     """
     import h5py
 
-    temporary = path.with_name(path.name + ".partial")
-    with h5py.File(temporary, "w") as file:
+    content = io.BytesIO()  # in memory: HDF5 does not survive a disk that fills up while it closes a file
+    with h5py.File(content, "w") as file:
         file.attrs["schema"] = SCHEMA
         file.attrs["about"] = json.dumps(
             {
@@ -181,7 +187,7 @@ def save(result: HybridResult, path: Path) -> None:
         if result.online is not None:
             for name in FILTERED:
                 file[f"online/{name}"] = getattr(result.online, name)
-    temporary.replace(path)
+    write_then_rename(path, content.getvalue())
 
 
 def _write(group: Any, name: str, value: Any) -> None:
