@@ -62,7 +62,7 @@ def run(address, store, counter, limit):
         rows = struct.unpack("<q", counted[:8])[0] + 1
         counted[:8] = struct.pack("<q", rows)
         if rows == int(limit):
-            size = os.path.getsize(recorder.journal_of(Path(store)))
+            size = recorder.journal_of(Path(store)).stat().st_size
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
     recorder.Recorder.add = counting

@@ -32,7 +32,9 @@ def record(duration=1.0, dt=1e-4):
 
 
 def frame_test(specimen, **settings):
-    return HybridTest(UPPER, specimen, **{"record": record(), "dt": 0.01, "time_scale": 100.0, "physical": LOWER} | settings)
+    return HybridTest(
+        UPPER, specimen, **{"record": record(), "dt": 0.01, "time_scale": 100.0, "physical": LOWER} | settings
+    )
 
 
 # --- delays ---------------------------------------------------------------------------------------------------------

@@ -252,7 +252,7 @@ def test_a_thousand_random_and_mutated_frames(server):
 
 @pytest.mark.parametrize("moved", [False, True], ids=["before it has moved", "after it has moved"])
 def test_a_session_s_own_messages_with_a_byte_changed(moved):
-    """Whatever byte of a signed move it is: the session ends, nothing moves, and what has moved holds its last accepted position."""
+    """Whatever byte of a signed move it is: the session ends, and the specimen holds its last accepted position if it has moved."""
     rng = np.random.default_rng(6)
     whole = HEADER.size + len(packed_move(np.array([[0.7]]), 1)) + 32
     places = [*range(0, whole, 7), *map(int, rng.integers(whole, size=30))]
@@ -261,7 +261,9 @@ def test_a_session_s_own_messages_with_a_byte_changed(moved):
             client = Client(server).greet()
             if moved:
                 client.ask(Kind.MOVE, packed_move(np.array([[0.25]]), 1))
-            message = bytearray(packed(Frame(Kind.MOVE, client.sequence + 1, packed_move(np.array([[0.7]]), 1)), client.key))
+            message = bytearray(
+                packed(Frame(Kind.MOVE, client.sequence + 1, packed_move(np.array([[0.7]]), 1)), client.key)
+            )
             message[place] ^= int(rng.integers(1, 256))
             client.socket.sendall(message)
             assert client.is_dropped()
@@ -270,7 +272,7 @@ def test_a_session_s_own_messages_with_a_byte_changed(moved):
 
 
 def test_a_crowd_of_strangers_takes_no_memory(server):
-    """Hundreds of open connections that announce megabytes: those beyond a number are closed, and nothing is reserved for the rest."""
+    """Hundreds of connections that announce megabytes: those beyond a number are closed, nothing is reserved for the rest."""
     head = HEADER.pack(MAGIC, VERSION, Kind.HELLO, 0, 4 * 2**20, 0)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     crowd = [socket.create_connection(parsed_address(server.address), 2.0) for _ in range(200)]

@@ -225,7 +225,27 @@ def test_files_of_programmes_are_known():
     assert not is_programme({"model": {}, "parameters": {}})
 
 
+def test_a_filter_that_is_too_sure_is_called_so(tmp_path):
+    """Told that forces are a hundred times less noisy than they are, it is many of its own standard deviations off."""
+    right = 'force_noise = "'
+    at = SMALL.index(right)
+    end = SMALL.index("\n", at)
+    sure = SMALL[:at] + 'force_noise = "1 N"' + SMALL[end:]
+    page = run_programme(written(tmp_path, sure), tmp_path / "out").report.read_text()
+    assert "It is overconfident in" in page
+
+
 # --- the command line -----------------------------------------------------------------------------------------------
+
+
+def test_a_programme_that_ends_before_its_time_says_so_to_scripts(tmp_path):
+    """The specimen stops at a force that the check does not expect, since its noise is not in it."""
+    noisy = ALONE.replace('force_sensor = { noise = "0.5 kN" }', 'force_sensor = { noise = "400 kN" }')
+    noisy = noisy.replace('force = "500 kN"', 'force = "150 kN"')
+    written(tmp_path, noisy)
+    told = structid("hybrid", "programme.toml", "--out", "out", cwd=tmp_path)
+    assert told.returncode == 1, told.stdout + told.stderr
+    assert "ended before its time" in told.stdout or "and its limit is" in told.stdout
 
 
 def test_a_new_programme_and_its_check(tmp_path):

@@ -319,8 +319,10 @@ def filtered_path(
             if k < columns:
                 axis.text(first, 1.02, f" {name}", transform=axis.get_xaxis_transform(), fontsize=7, color="#5c646d")
         late = path[0][len(moves) // 20 :, k], path[1][len(moves) // 20 :, k], path[2][len(moves) // 20 :, k]
-        low, high = min(x.min() for x in late), max(x.max() for x in late)
-        axis.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
+        shown = np.concatenate([*late, posterior.get(names[k], ())])
+        low, high = shown.min(), shown.max()
+        margin = 0.05 * (high - low) or 0.05 * abs(high) or 1.0  # a filter that stands still has no range of its own
+        axis.set_ylim(low - margin, high + margin)
         axis.set_ylabel(f"{pretty(names[k])} [{pretty_unit(units[k])}]" if units[k] else pretty(names[k]))
         if k + columns >= len(names):
             axis.set_xlabel("move")

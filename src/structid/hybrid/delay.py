@@ -176,9 +176,9 @@ def growing_oscillations(
 ) -> int:
     """Count the oscillations of a structure that grow where the specimen's force comes late.
 
-    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27; it holds for retarded delays): while Ω goes from 0 to
-    ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N roots that grow, two for
-    each oscillation.
+    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27), which holds with delays where inertia has none:
+    while Ω goes from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N
+    roots that grow, two for each oscillation.
 
     Parameters
     ----------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -164,9 +165,11 @@ def commanded(plan: Plan, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         duration = plan.time_scale * plan.joined.dt if plan.motion.settles else step
         return np.abs(targets).max(axis=0), moves * plan.motion.peak_rate / duration
     compensator = plan.compensation.begin(targets.shape[1], step, plan.time_scale)
-    paths = (plan.motion.path(start, end) for start, end in zip(started[:-1], started[1:], strict=True))
+    paths = (plan.motion.path(*ends) for ends in itertools.pairwise(started))
     commands = np.concatenate([compensator.commands(path) for path in paths])
-    return np.abs(commands).max(axis=0), np.abs(np.diff(commands, axis=0, prepend=0.0 * commands[:1])).max(axis=0) / step
+    return np.abs(commands).max(axis=0), np.abs(np.diff(commands, axis=0, prepend=0.0 * commands[:1])).max(
+        axis=0
+    ) / step
 
 
 def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> np.ndarray:
@@ -250,7 +253,9 @@ def judged(plan: Plan, virtual: VirtualMoves, steps: int) -> Feasibility:
     )
     stiffness = largest_stiffness(plan, virtual)
     refusals = (*_late(plan, whole, found), *_unstable(plan, virtual, stiffness), *_beyond_limits(plan, found))
-    return replace(found, refusals=refusals, warnings=(*_warnings(plan, found, stiffness), *filter(None, [virtual.collapse])))
+    return replace(
+        found, refusals=refusals, warnings=(*_warnings(plan, found, stiffness), *filter(None, [virtual.collapse]))
+    )
 
 
 def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
@@ -269,7 +274,10 @@ def largest_stiffness(plan: Plan, virtual: VirtualMoves) -> float:
         1 where neither is known to be larger.
     """
     stiffness, back = plan.joined.physical.part.stiffness, np.linalg.pinv(plan.geometry)
-    found = [1.0, float(scipy.linalg.eigh(_first_tangent(plan.joined.physical.part), stiffness, eigvals_only=True).max())]
+    found = [
+        1.0,
+        float(scipy.linalg.eigh(_first_tangent(plan.joined.physical.part), stiffness, eigvals_only=True).max()),
+    ]
     if plan.description.stiffness is not None:
         told = plan.geometry.T @ np.array(plan.description.stiffness) @ plan.geometry
         found.append(float(scipy.linalg.eigh(told, stiffness, eigvals_only=True).max()))
@@ -312,14 +320,14 @@ def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
         return []
     mode = int(np.argmin(found.damping))
     which = (
-        f"mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a damping of {100.0 * found.damping[mode]:.2f} % and "
-        "would grow"
+        f"mode {mode + 1} ({whole.frequencies[mode] / (2 * np.pi):.3g} Hz) has a damping of {100.0 * found.damping[mode]:.2f} % "
+        "and would grow"
         if found.damping[mode] <= 0.0
         else f"{growing} oscillation{'s' if growing > 1 else ''} would grow"
     )
     return [
-        f"With a delay of {1e3 * found.delay:.1f} ms {which}. Without compensation up to {1e3 * found.critical_delay:.1f} ms can be "
-        "borne. Choose a larger time scale, or compensate the delay."
+        f"With a delay of {1e3 * found.delay:.1f} ms {which}. Without compensation up to {1e3 * found.critical_delay:.1f} ms can "
+        "be borne. Choose a larger time scale, or compensate the delay."
     ]
 
 
@@ -338,8 +346,8 @@ def _unstable(plan: Plan, virtual: VirtualMoves, stiffness: float) -> list[str]:
         stiff = joined.of_parts(joined.numerical.part.softened(1.0), physical.softened(stiffness))
         if (radius := spectral_radius(stiff)) > 1.0 + ROUNDING:
             said.append(
-                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {joined.dt:g} s grows by "
-                f"{radius:.3g}. K₀ must be its largest tangent; or take smaller steps."
+                f"The specimen is expected to be {stiffness:.3g} times as stiff as K₀, with which a step of {joined.dt:g} s grows "
+                f"by {radius:.3g}. K₀ must be its largest tangent; or take smaller steps."
             )
     if not virtual.bounded:
         said.append("In the virtual run displacements grow beyond all bounds: the steps are unstable.")
@@ -377,8 +385,8 @@ def _warnings(plan: Plan, found: Feasibility, stiffness: float) -> list[str]:
         )
     if stiffness > 1.0 + TANGENT_ERROR:
         said.append(
-            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps may be "
-            "unstable."
+            f"The specimen has a stiffness of {stiffness:.3g} times the K₀ of its part. K₀ must be the largest tangent, or steps "
+            "may be unstable."
         )
     if plan.compensation is None and plan.motion.continuous and found.delay > 0.5 * found.critical_delay:
         share = found.delay / found.critical_delay

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-
 class Event(NamedTuple):
     """Something that happened to a test.
 
@@ -171,7 +170,7 @@ class HybridResult:
         channels: Sequence[str] = (),
         *,
         before: Sequence[HybridResult] = (),
-        sd: float | Sequence[float] | None = None,
+        sd: float | Sequence[float] | np.ndarray | None = None,
     ) -> Observation:
         """What the specimen was seen to do: forces against its measured displacements, not the commanded ones.
 
@@ -248,7 +247,7 @@ class HybridResult:
         return f"HybridResult: {self.steps} of {self.feasibility.steps} steps, {time:g} s of simulated time, {ended}"
 
 
-def _for_each(sd: float | Sequence[float], channels: Sequence[str]) -> np.ndarray:
+def _for_each(sd: float | Sequence[float] | np.ndarray, channels: Sequence[str]) -> np.ndarray:
     """A standard deviation for each channel."""
     known = np.atleast_1d(np.asarray(sd, dtype=np.float64))
     if known.shape not in ((1,), (len(channels),)) or not (np.isfinite(known) & (known > 0.0)).all():

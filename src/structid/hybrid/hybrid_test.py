@@ -53,8 +53,8 @@ class HybridTest:
     time_scale : float
         λ, wall time over simulated time.
     coupling : Coupling, optional
-        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold, its own one if it takes one place
-        a move; a fine one continuously, a fine step in λ Δt/ss, which must be a whole number of its controller steps.
+        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold, or by its own ramp if it takes
+        one place a move; a fine one continuously, a fine step in λ Δt/ss, which must be a whole number of its controller steps.
     compensation : Compensation, optional
         Of the delay of the transfer system.
     physical : Substructure, optional
@@ -252,7 +252,10 @@ class HybridTest:
         checked = self.check()
         if not checked.can_work:
             raise InputError(
-                "HybridTest", " ".join(checked.refusals), "a test that can work", "See HybridTest.check()."
+                "HybridTest",
+                " ".join(checked.refusals).removesuffix("."),
+                "a test that can work",
+                "See HybridTest.check().",
             )
         return self._run_unchecked(checked, None if store is None else Path(store), resume)
 
@@ -278,9 +281,7 @@ class HybridTest:
         result = about.result(rows, events)
         back = np.linalg.pinv(self._geometry)
         seen = result.moves
-        stiffer = largest_secant(
-            seen.measured, seen.target, seen.force, back.T @ self._parts[1].stiffness @ back
-        )
+        stiffer = largest_secant(seen.measured, seen.target, seen.force, back.T @ self._parts[1].stiffness @ back)
         if stiffer > STIFFER:
             said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
             warnings.warn(said, StructidWarning, stacklevel=4)

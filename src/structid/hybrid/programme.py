@@ -95,7 +95,7 @@ class ProgrammeResult:
 
     @names_checked
     def observation(
-        self, name: str, channels: tuple[str, ...] = (), sd: float | Sequence[float] | None = None
+        self, name: str, channels: tuple[str, ...] = (), sd: float | Sequence[float] | np.ndarray | None = None
     ) -> Observation:
         """What a test and all those before it have shown of the specimen; see `HybridResult.observation`.
 
@@ -203,7 +203,7 @@ class Programme:
         """
         for name, found in self.check().items():
             if not found.can_work:
-                raise InputError(f"test {name}", " ".join(found.refusals), "a test that can work")
+                raise InputError(f"test {name}", " ".join(found.refusals).removesuffix("."), "a test that can work")
         stores = {name: None if folder is None else store_of(Path(folder), name) for name in self.tests}
         if not resume:
             for store in stores.values():

@@ -115,9 +115,9 @@ class SpecimenDescription(BaseModel):
             farthest = float(np.abs(path[:, k]).max())
             if channel.stroke is not None and farthest > channel.stroke:
                 return f"{channel.name}: a displacement of {farthest:.6g} {channel.unit}, and its limit is {channel.stroke:.6g}"
-            given = channel.velocity is not None and self.longest_path > 1
-            if given and rates[k] > channel.velocity * (1.0 + 1e-9):
-                return f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s, and its limit is {channel.velocity:.6g}"
+            fastest = None if self.longest_path == 1 else channel.velocity  # its own ramps are its own care
+            if fastest is not None and rates[k] > fastest * (1.0 + 1e-9):
+                return f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s, and its limit is {fastest:.6g}"
         return None
 
 

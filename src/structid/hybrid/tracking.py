@@ -15,6 +15,10 @@ from structid.errors import InputError
 
 LEAST_SECANT, OVER_NOISE = 0.1, 100.0
 """Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
+SURELY, FEWEST_FOR_NOISE = 3.0, 20
+"""Standard deviations of the forces' noise that are taken off a secant; moves from which that noise can be seen."""
+NORMAL_MEDIAN = 1.4826
+"""Standard deviation of a normal law over the median of its absolute values."""
 STIFFER = 1.05
 """Secant over K₀ from which a warning is due."""
 
@@ -129,7 +133,8 @@ def largest_secant(measured: np.ndarray, target: np.ndarray, force: np.ndarray, 
     """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
     Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
-    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out.
+    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out. What the noise of the
+    forces can make of one is taken off.
 
     Parameters
     ----------
@@ -148,13 +153,28 @@ def largest_secant(measured: np.ndarray, target: np.ndarray, force: np.ndarray, 
     peak = float(np.abs(measured).max(initial=0.0))
     noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0
     least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
+    doubt = SURELY * np.sqrt(2.0) * _force_noise(measured, force, stiffness)
     found, last, before = np.nan, 0, None
     for k in range(1, len(measured) if peak > 0.0 else 0):
         change = measured[k] - measured[last]
         if np.abs(change).max() < least:
             continue
         if before is not None and before @ change > 0.0:
-            ratio = float(change @ (force[k] - force[last]) / (change @ stiffness @ change))
-            found = float(np.fmax(found, ratio))
+            work = change @ (force[k] - force[last]) - np.abs(change) @ doubt
+            found = float(np.fmax(found, work / (change @ stiffness @ change)))
         last, before = k, change
     return found
+
+
+def _force_noise(measured: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Standard deviation of what is rough in the forces, beside a linear answer, shape (channel,).
+
+    Third differences of smooth histories are small; those of independent noise have √20 of its standard deviation.
+    """
+    if len(force) < FEWEST_FOR_NOISE:
+        return np.zeros(force.shape[1])
+    linear = measured @ stiffness
+    size = np.sum(linear**2)
+    rest = force - (np.sum(force * linear) / size if size > 0.0 else 0.0) * linear
+    rough = np.median(np.abs(np.diff(rest, n=3, axis=0)), axis=0)
+    return np.asarray(NORMAL_MEDIAN * rough / np.sqrt(20.0))

@@ -170,9 +170,7 @@ def packed(frame: Frame, key: bytes) -> bytes:
     return body + hmac.digest(key, body, "sha256")
 
 
-def received(
-    connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD
-) -> Frame | None:
+def received(connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD) -> Frame | None:
     """Wait for a frame, and check everything of it that does not depend on the session.
 
     Parameters
