@@ -1,0 +1,207 @@
+"""The question: what can a hybrid test bear, and is that what its check says.
+
+Critical delays, predicted and met in the loop; what compensations bring back; spectral radii and spurious damping of the couplings;
+a disk, processes and strangers that misbehave are in ``tests/hybrid``.
+
+Run with ``python benchmarks/hybrid_limits.py [--quick]``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import common
+import numpy as np
+
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.benchmark import pulse, two_floor_frame
+from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
+from structid.hybrid.coupling import Coupling
+from structid.hybrid.delay import critical_delay, critical_delay_of
+from structid.hybrid.frame_parts import cut_frame
+from structid.hybrid.gravouil_combescure import GravouilCombescure
+from structid.hybrid.hybrid_result import HybridResult
+from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.stability import free_oscillations, spectral_radius
+from structid.hybrid.substructure import Substructure
+from structid.hybrid.transfer import Actuator, Sensor
+from structid.hybrid.whole_structure import WholeStructure
+from structid.mechanics.restoring_forces import LinearForce
+
+NAME = "hybrid_limits"
+MASS, STIFFNESS, RATIO, SCALE = 12e3, 7.6e6, 0.03, 10.0
+OMEGA = float(np.sqrt(STIFFNESS / MASS))
+PERIOD = 2.0 * np.pi / OMEGA
+FIRST = 2.0 * np.pi / 15.553514
+COUPLINGS: list[tuple[str, Coupling]] = [
+    ("PH, N fine, ss = 10", PrakashHjelmstad(10)),
+    ("PH, N fine, ss = 100", PrakashHjelmstad(100)),
+    ("PH, P fine, ss = 10", PrakashHjelmstad(10, "physical")),
+    ("GC, N fine, ss = 10", GravouilCombescure(10)),
+    ("GC, P fine, ss = 10", GravouilCombescure(10, "physical")),
+]
+
+
+def one_mass(
+    delay: float,
+    share: float = 1.0,
+    compensation: Compensation | None = None,
+    cycles: int = 12,
+    noise: float = 0.0,
+    substeps: int = 5,
+) -> HybridResult:
+    """A mass of which the laboratory has a share of the stiffness, set in motion by half a sine; also where it cannot work."""
+    c = 2.0 * RATIO * OMEGA * MASS
+    upper = Substructure([[MASS / 2.0]], [[c / 2.0]], [[(1.0 - share) * STIFFNESS]], [0])
+    lower = Substructure([[MASS / 2.0]], [[c / 2.0]], [[share * STIFFNESS]], [0])
+    dt = delay / SCALE
+    step = dt / substeps
+    time = np.arange(round(cycles * PERIOD / dt) * substeps + 1) * step
+    shaken = GroundMotion(np.where(time < PERIOD / 2.0, 3.0 * np.sin(OMEGA * time), 0.0), step)
+    actuator = Actuator(delay=delay, displacement_sensor=Sensor(noise))
+    specimen = SimulatedSpecimen(LinearForce(lower.stiffness), actuator, controller_step=SCALE * step)
+    test = HybridTest(
+        upper, specimen, shaken, dt=dt, time_scale=SCALE, physical=lower, coupling=PrakashHjelmstad(substeps, "physical"),
+        compensation=compensation,
+    )  # fmt: skip
+    return test._run_unchecked()
+
+
+def growth(result: HybridResult) -> float:
+    """Logarithm of the growth of the amplitude in a cycle."""
+    assert result.histories is not None
+    part = result.histories.fine.part
+    u = part.displacement[:, 0]
+    top = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:])) + 1
+    top = top[(part.time[top] > 2.0 * PERIOD) & (u[top] > 0.02 * u.max())]
+    return float(np.polyfit(part.time[top] / PERIOD, np.log(u[top]), 1)[0])
+
+
+def met() -> list[list[str]]:
+    """Delays at which a loop neither decays nor grows, between 1 % below and 1 % above the predicted one."""
+    rows = []
+    for share in (1.0, 0.5):
+        predicted = critical_delay(OMEGA, RATIO, share).delay
+        shares = [0.99, 1.01]
+        grown = [growth(one_mass(SCALE * s * predicted, share, cycles=30)) for s in shares]
+        found = float(np.interp(0.0, grown, shares))
+        rows.append(
+            [
+                f"one mass, p = {share:g}",
+                f"{1e3 * predicted:.5f}",
+                f"{1e3 * found * predicted:.5f}",
+                f"{abs(found - 1.0):.1e}",
+            ]
+        )
+    return rows
+
+
+def known() -> list[list[str]]:
+    """Critical delays against printed figures."""
+    parts = cut_frame(two_floor_frame(), 1, linear=True)
+    whole = WholeStructure.of(PrakashHjelmstad().joined(*parts, 0.01))
+    two = critical_delay_of(whole.mass, whole.damping, whole.numerical, whole.physical)
+    rows = [["two floors", f"{1e3 * two.delay:.5f}", "5.31929"]]
+    for name, hertz, scale, printed in (
+        ("#1a", 0.55, 500.0, 17.4),
+        ("#1b", 1.38, 200.0, 6.9),
+        ("#2 to #5", 0.56, 200.0, 17.1),
+    ):
+        found = critical_delay(2.0 * np.pi * hertz * scale, RATIO).on_the_wall(scale)
+        rows.append([f"façade, {name}, λ τ_c", f"{1e3 * found:.1f}", f"{printed}"])
+    return rows
+
+
+def compensated() -> list[list[str]]:
+    """Growth of one mass in a cycle with 30 ms at λ = 10, and how well the specimen was where it should have been."""
+    rows = []
+    for name, compensation, noise in (
+        ("none", None, 0.0),
+        ("polynomial, n = 3", PolynomialExtrapolation(0.030), 0.0),
+        ("adaptive, begun at 20 ms", AdaptiveTimeSeries(0.020), 0.0),
+        ("adaptive, begun at 20 ms, 5 µm of noise", AdaptiveTimeSeries(0.020), 5e-6),
+    ):
+        result = one_mass(0.030, compensation=compensation, noise=noise, substeps=10)
+        rows.append([name, f"{growth(result):.4f}", f"{result.tracking['displacement'].error:.1e}"])
+    return [*rows, ["(without a delay)", f"{-2.0 * np.pi * RATIO:.4f}", "0"]]
+
+
+def corrected() -> str:
+    """What the correction of the force takes from the peak of two floors, at 6.36 m/s², λ = 50, 60 ms."""
+    upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
+    time = np.arange(0.0, 2.0005, 1e-3)
+    record = GroundMotion(pulse(time), 1e-3).scale_to_pga(6.36)
+    tests = [
+        HybridTest(
+            upper, SimulatedSpecimen(lower.force, Actuator(delay=delay)), record, dt=0.01, time_scale=50.0, physical=lower,
+            coupling=PrakashHjelmstad(500, "physical"), force_correction=corrected,
+        )
+        for delay, corrected in ((0.0, False), (0.060, False), (0.060, True))
+    ]  # fmt: skip
+    peaks = [float(np.abs(test._run_unchecked().coarse.u[:, 0]).max()) for test in tests]
+    return f"{peaks[1] / peaks[0] - 1.0:+.1%} without and {peaks[2] / peaks[0] - 1.0:+.1%} with it"
+
+
+def stability() -> list[list[str]]:
+    """Of couplings, damped and with an undamped specimen that has softened."""
+    parts = cut_frame(two_floor_frame(), 1, linear=True)
+    bare = tuple(replace(part, damping=0.0 * part.damping) for part in parts)
+    rows = []
+    for name, coupling in COUPLINGS:
+        radius = max(spectral_radius(coupling.joined(*parts, share * FIRST)) for share in np.geomspace(1e-3, 100.0, 11))
+        dt = 0.3 / parts[1].largest_frequency
+        found = []
+        for share in (0.3, 0.01):
+            free = free_oscillations(coupling.joined(bare[0], bare[1].softened(share), dt))
+            found.append(float((free.damping_ratios * free.frequencies).min()) / parts[1].largest_frequency)
+        own = free_oscillations(coupling.joined(*parts, FIRST / 40.0)).damping_ratios[0] - RATIO
+        scaled = [0.0 if abs(f) < 1e-12 else f / 0.3**3 for f in found]
+        rows.append([name, f"{radius - 1.0:+.0e}", f"{scaled[0]:.2g}", f"{scaled[1]:.2g}", f"{100.0 * own:+.2f}"])
+    return rows
+
+
+def main() -> None:
+    quick = common.is_quick(__doc__ or "")
+    results = {"known": known(), "stability": stability(), "compensated": compensated()[: 2 if quick else None]}
+    results["met"] = [] if quick else met()
+    correction = "–" if quick else corrected()
+    common.record_result(NAME, quick=quick, machine=common.machine(), correction=correction, **results)
+    text = f"""## Hybrid tests: what they can bear
+
+`benchmarks/hybrid_limits.py`. {common.machine()}.
+
+Critical delays [ms], predicted and met by a simulated loop that neither decays nor grows (limit 1e-3 apart), and against printed
+ones:
+
+{common.markdown_table(["structure", "predicted", "met", "apart"], results["met"])}
+
+{common.markdown_table(["structure", "found [ms]", "printed [ms]"], results["known"])}
+
+One mass with a delay of 30 ms at λ = 10: growth of the amplitude in a cycle, and the root mean square of u_m − u over that of u:
+
+{common.markdown_table(["compensation", "growth in a cycle", "NRMSE"], results["compensated"])}
+
+The correction of the force, r + K₀ (ũ − u_m), of two hysteretic floors at 6.36 m/s², λ = 50 and 60 ms: the peak is off by
+{correction}.
+
+Couplings: largest spectral radius less one for Δt of 10⁻³ to 100 first periods; decay ζω/(ω_P (ω_P Δt)³), below 0 where it grows,
+of an undamped structure whose specimen has softened to 0.3 and 0.01 of K₀, at ω_P Δt = 0.3; what Δt = T₁/40 adds to 3 % of damping
+in the first mode [%]:
+
+{common.markdown_table(["coupling", "radius − 1", "at 0.3 K₀", "at 0.01 K₀", "adds [%]"], results["stability"])}
+
+Faults (`tests/hybrid/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
+killed, hung and woken up again, its answer not finite, its cable out, its answer late, a disk that takes nothing more. In all
+140 no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000
+frames of noise and of changed greetings, every seventh and thirty random bytes of a session's own signed move changed, 200
+open connections that announce megabytes: all refused, the server serves on, its memory grows by less than 50 MB. A specimen
+behind a socket equals one in the same process to the last bit.
+"""
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
