@@ -23,6 +23,8 @@ from structid.hybrid.transfer import Actuator, Sensor
 
 SECRET = "a secret of both sides"
 DT, SCALE, SUBSTEPS = 0.01, 1.0, 10
+PATIENCE = 0.4
+"""Of a client [s]: a machine that does other work answers late, and that is not the fault that is tried."""
 
 
 def storey(seed=1):
@@ -66,7 +68,7 @@ def run(address, store, counter, limit):
             resource.setrlimit(resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
 
     recorder.Recorder.add = counting
-    specimen = RemoteSpecimen(address, SECRET) if address != "local" else storey()
+    specimen = RemoteSpecimen(address, SECRET, PATIENCE) if address != "local" else storey()
     result = test_on(specimen).run(store)
     print(result, flush=True)
 

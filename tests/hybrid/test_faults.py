@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hybrid_tests
-from hybrid_tests import SECRET, Processes, storey
+from hybrid_tests import PATIENCE, SECRET, Processes, storey
 from structid.errors import InputError
 from structid.hybrid.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
 from structid.hybrid.remote import RemoteSpecimen
@@ -20,7 +20,7 @@ MOMENTS = [int(k) for k in np.random.default_rng(11).choice(np.arange(1, 95), 20
 """Finished steps of a hundred after which something happens."""
 FEW = MOMENTS[:2]
 OF_A_PROCESS = 4.0
-"""Seconds in which a client ends: 50 ms of silence, and the end of a Python process on a machine that does other work."""
+"""Seconds in which a client ends: its patience, and the end of a Python process on a machine that does other work."""
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +148,7 @@ class Misbehaving:
             return self.move_as_it_should(path, averaged)._replace(force=np.array([np.nan]))
         if self.what == "disconnects":
             raise OSError("its cable is out")
-        time.sleep(0.3)
+        time.sleep(1.5 * PATIENCE)
         return self.move_as_it_should(path, averaged)
 
 
@@ -156,7 +156,7 @@ def misbehaved(folder, whole, what, moment):
     wrong = Misbehaving(what, moment)
     with wrong.server:
         began = time.monotonic()
-        result = hybrid_tests.test_on(RemoteSpecimen(wrong.server.address, SECRET)).run(folder / "test.h5")
+        result = hybrid_tests.test_on(RemoteSpecimen(wrong.server.address, SECRET, PATIENCE)).run(folder / "test.h5")
         took = time.monotonic() - began
     assert took < 0.02 * moment + 3.0
     known = max(moment - 1, 0)  # the first move only averages the force at rest
