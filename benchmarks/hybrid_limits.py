@@ -17,7 +17,7 @@ from structid.ground_motion.record import GroundMotion
 from structid.hybrid.benchmark import pulse, two_floor_frame
 from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
 from structid.hybrid.coupling import Coupling
-from structid.hybrid.delay import critical_delay, critical_delay_of
+from structid.hybrid.delay import critical_delay
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.gravouil_combescure import GravouilCombescure
 from structid.hybrid.hybrid_result import HybridResult
@@ -102,7 +102,7 @@ def known() -> list[list[str]]:
     """Critical delays against printed figures."""
     parts = cut_frame(two_floor_frame(), 1, linear=True)
     whole = WholeStructure.of(PrakashHjelmstad().joined(*parts, 0.01))
-    two = critical_delay_of(whole.mass, whole.damping, whole.numerical, whole.physical)
+    two = whole.critical_delay
     rows = [["two floors", f"{1e3 * two.delay:.5f}", "5.31929"]]
     for name, hertz, scale, printed in (
         ("#1a", 0.55, 500.0, 17.4),

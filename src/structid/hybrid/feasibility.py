@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -191,11 +192,15 @@ def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> np.nd
     """
     if not plan.motion.continuous:
         return whole.damping_ratios
-    omegas = whole.frequencies / plan.time_scale
-    gains = [1.0 if plan.compensation is None else plan.compensation.gain(omega, delay) for omega in omegas]
-    return np.asarray(
-        whole.damping_ratios + 0.5 * whole.shares * np.imag(np.array(gains) * np.exp(-1j * omegas * delay))
-    )
+    factors = np.array([_loop_factor(plan, omega, delay) for omega in whole.frequencies])
+    return np.asarray(whole.damping_ratios + 0.5 * whole.shares * factors.imag)
+
+
+def _loop_factor(plan: Plan, omega: float, delay: float) -> complex:
+    """G = gain · e^(−iωτ), by which a loop multiplies the specimen's force at a frequency ω of simulated time."""
+    turned = omega / plan.time_scale
+    gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, delay)
+    return complex(gain * np.exp(-1j * turned * delay))
 
 
 def spurious_damping(plan: Plan) -> float:
@@ -306,16 +311,11 @@ def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
             f"The specimen is read {1e3 * waits:.0f} ms after its ramp has ended, and follows {1e3 * found.delay:.1f} ms late. "
             "Choose a larger time scale."
         ]
-
-    def factor(omega: float) -> complex:
-        """G of the loop."""
-        turned = omega / plan.time_scale
-        gain = 1.0 if plan.compensation is None else plan.compensation.gain(turned, found.delay)
-        return complex(gain * np.exp(-1j * turned * found.delay))
-
     if plan.compensation is None and found.delay == 0.0:
         return []
-    growing = growing_oscillations(whole.mass, whole.damping, whole.numerical, whole.physical, factor)
+    growing = growing_oscillations(
+        whole.mass, whole.damping, whole.numerical, whole.physical, partial(_loop_factor, plan, delay=found.delay)
+    )
     if not growing:
         return []
     mode = int(np.argmin(found.damping))

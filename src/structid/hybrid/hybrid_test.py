@@ -31,6 +31,8 @@ from structid.hybrid.transfer import Actuator
 from structid.hybrid.unscented_filter import UnscentedFilter
 from structid.mechanics.restoring_forces import CollapseError
 
+NEVER_RESUMED = "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began."
+
 INTERFACE_SHARE = 0.5
 """Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
 
@@ -331,7 +333,7 @@ class HybridTest:
         if not self._description.simulated:
             raise InputError(
                 "HybridTest.run", f"a test on '{self._description.name}' that was cut off", "a simulated specimen",
-                "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began.",
+                NEVER_RESUMED,
             )  # fmt: skip
         rows = recorded(store)[1]
         for path in (journal_of(store), *tails_of(store)):

@@ -12,7 +12,7 @@ import numpy as np
 from structid.errors import InputError, names_checked
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_result import HybridResult
-from structid.hybrid.hybrid_test import HybridTest
+from structid.hybrid.hybrid_test import NEVER_RESUMED, HybridTest
 from structid.hybrid.result_file import open_hybrid
 from structid.hybrid.specimen import SpecimenError
 from structid.observation import Observation
@@ -212,9 +212,9 @@ class Programme:
         specimen, moved = next(iter(self.tests.values())).specimen, False
         results: dict[str, HybridResult] = {}
         for name, planned in self.tests.items():
-            known = _done_before(stores[name]) if resume else None
-            if known is not None:
-                results[name] = known
+            known = _stored(stores[name]) if resume else None
+            if known is not None and not known.description.simulated:
+                results[name] = _finished(known, stores[name])
                 continue
             try:
                 test = replace(planned, specimen=specimen.released() if moved else specimen)
@@ -222,7 +222,7 @@ class Programme:
                 return ProgrammeResult(results, tuple(self.tests), str(error))
             if watching is not None:
                 watching(name, test)
-            results[name], moved = _run(test, stores[name], resume), True
+            results[name], moved = _run(test, stores[name], resume, known), True
             specimen = test.specimen
             specimen.close()
             if not results[name].finished:
@@ -230,27 +230,25 @@ class Programme:
         return ProgrammeResult(results, tuple(self.tests))
 
 
-def _done_before(store: Path | None) -> HybridResult | None:
+def _stored(store: Path | None) -> HybridResult | None:
+    """What a store holds; None where there is none."""
+    return open_hybrid(store) if store is not None and store.exists() else None
+
+
+def _finished(known: HybridResult, store: Path | None) -> HybridResult:
     """A finished test on a structure: it stays as it is, and its operator has released the specimen since."""
-    if store is None or not store.exists():
-        return None
-    known = open_hybrid(store)
-    if known.description.simulated:
-        return None
     if not known.finished:
         raise InputError(
             f"{store}", "a test on a structure that did not come to its end", "one that did",
-            "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began. Make a new "
-            "programme of the tests that are left.",
+            f"{NEVER_RESUMED} Make a new programme of the tests that are left.",
         )  # fmt: skip
     return known
 
 
-def _run(test: HybridTest, store: Path | None, resume: bool) -> HybridResult:
+def _run(test: HybridTest, store: Path | None, resume: bool, known: HybridResult | None) -> HybridResult:
     """Run a test, or do again what is stored of it."""
-    if store is None or not (resume and store.exists()):
+    if known is None:
         return test.run(store, resume=resume)
-    known = open_hybrid(store)
     again = test.run()
     same = again.steps == known.steps and np.array_equal(again.moves.measured, known.moves.measured)
     if not same:
