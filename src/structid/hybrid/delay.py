@@ -21,8 +21,6 @@ GRID = 4000
 """Frequencies at which the shares of a structure are looked at, before roots are found between two of them."""
 HIGHEST = 3.0
 """Highest frequency that is looked at, over the highest natural one."""
-
-
 INERTIA_ALONE = 30.0
 """Frequency over the highest natural one from which on inertia alone turns the determinant."""
 SMALL_TURN = 0.5

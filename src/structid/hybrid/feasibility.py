@@ -11,7 +11,6 @@ import scipy
 
 from structid.hybrid.compensation import Compensation
 from structid.hybrid.coupling import Joined
-from structid.hybrid.delay import growing_oscillations
 from structid.hybrid.motion import Motion
 from structid.hybrid.specimen import SpecimenDescription
 from structid.hybrid.stability import free_oscillations, spectral_radius
@@ -313,9 +312,7 @@ def _late(plan: Plan, whole: WholeStructure, found: Feasibility) -> list[str]:
         ]
     if plan.compensation is None and found.delay == 0.0:
         return []
-    growing = growing_oscillations(
-        whole.mass, whole.damping, whole.numerical, whole.physical, partial(_loop_factor, plan, delay=found.delay)
-    )
+    growing = whole.growing_oscillations(partial(_loop_factor, plan, delay=found.delay))
     if not growing:
         return []
     mode = int(np.argmin(found.damping))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -9,7 +10,7 @@ import numpy as np
 import scipy
 
 from structid.hybrid.coupling import Joined
-from structid.hybrid.delay import CriticalDelay, critical_delay_of
+from structid.hybrid.delay import CriticalDelay, critical_delay_of, growing_oscillations
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +84,18 @@ class WholeStructure:
     def critical_delay(self) -> CriticalDelay:
         """The shortest delay at which an oscillation no longer decays."""
         return critical_delay_of(self.mass, self.damping, self.numerical, self.physical)
+
+    def growing_oscillations(self, factor: Callable[[float], complex]) -> int:
+        """Count the oscillations that grow where the specimen's force comes multiplied by G.
+
+        Parameters
+        ----------
+        factor : callable
+            G of a frequency [rad/s] in simulated time.
+
+        Returns
+        -------
+        int
+            See `structid.hybrid.delay.growing_oscillations`.
+        """
+        return growing_oscillations(self.mass, self.damping, self.numerical, self.physical, factor)
