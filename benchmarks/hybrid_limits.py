@@ -12,28 +12,23 @@ from dataclasses import replace
 
 import common
 import numpy as np
+from one_mass import OMEGA, RATIO, SCALE, growth, one_mass_test
 
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.benchmark import pulse, two_floor_frame
-from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
+from structid.hybrid.compensation import AdaptiveTimeSeries, PolynomialExtrapolation
 from structid.hybrid.coupling import Coupling
 from structid.hybrid.delay import critical_delay
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.gravouil_combescure import GravouilCombescure
-from structid.hybrid.hybrid_result import HybridResult
 from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.stability import free_oscillations, spectral_radius
-from structid.hybrid.substructure import Substructure
 from structid.hybrid.transfer import Actuator, Sensor
 from structid.hybrid.whole_structure import WholeStructure
-from structid.mechanics.restoring_forces import LinearForce
 
 NAME = "hybrid_limits"
-MASS, STIFFNESS, RATIO, SCALE = 12e3, 7.6e6, 0.03, 10.0
-OMEGA = float(np.sqrt(STIFFNESS / MASS))
-PERIOD = 2.0 * np.pi / OMEGA
 FIRST = 2.0 * np.pi / 15.553514
 COUPLINGS: list[tuple[str, Coupling]] = [
     ("PH, N fine, ss = 10", PrakashHjelmstad(10)),
@@ -44,48 +39,16 @@ COUPLINGS: list[tuple[str, Coupling]] = [
 ]
 
 
-def one_mass(
-    delay: float,
-    share: float = 1.0,
-    compensation: Compensation | None = None,
-    cycles: int = 12,
-    noise: float = 0.0,
-    substeps: int = 5,
-) -> HybridResult:
-    """A mass of which the laboratory has a share of the stiffness, set in motion by half a sine; also where it cannot work."""
-    c = 2.0 * RATIO * OMEGA * MASS
-    upper = Substructure([[MASS / 2.0]], [[c / 2.0]], [[(1.0 - share) * STIFFNESS]], [0])
-    lower = Substructure([[MASS / 2.0]], [[c / 2.0]], [[share * STIFFNESS]], [0])
-    dt = delay / SCALE
-    step = dt / substeps
-    time = np.arange(round(cycles * PERIOD / dt) * substeps + 1) * step
-    shaken = GroundMotion(np.where(time < PERIOD / 2.0, 3.0 * np.sin(OMEGA * time), 0.0), step)
-    actuator = Actuator(delay=delay, displacement_sensor=Sensor(noise))
-    specimen = SimulatedSpecimen(LinearForce(lower.stiffness), actuator, controller_step=SCALE * step)
-    test = HybridTest(
-        upper, specimen, shaken, dt=dt, time_scale=SCALE, physical=lower, coupling=PrakashHjelmstad(substeps, "physical"),
-        compensation=compensation,
-    )  # fmt: skip
-    return test._run_unchecked()
-
-
-def growth(result: HybridResult) -> float:
-    """Logarithm of the growth of the amplitude in a cycle."""
-    assert result.histories is not None
-    part = result.histories.fine.part
-    u = part.displacement[:, 0]
-    top = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:])) + 1
-    top = top[(part.time[top] > 2.0 * PERIOD) & (u[top] > 0.02 * u.max())]
-    return float(np.polyfit(part.time[top] / PERIOD, np.log(u[top]), 1)[0])
-
-
 def met() -> list[list[str]]:
     """Delays at which a loop neither decays nor grows, between 1 % below and 1 % above the predicted one."""
     rows = []
     for share in (1.0, 0.5):
         predicted = critical_delay(OMEGA, RATIO, share).delay
         shares = [0.99, 1.01]
-        grown = [growth(one_mass(SCALE * s * predicted, share, cycles=30)) for s in shares]
+        grown = [
+            growth(one_mass_test(SCALE * s * predicted, share=share, cycles=30, substeps=5)._run_unchecked())
+            for s in shares
+        ]
         found = float(np.interp(0.0, grown, shares))
         rows.append(
             [
@@ -123,7 +86,8 @@ def compensated() -> list[list[str]]:
         ("adaptive, begun at 20 ms", AdaptiveTimeSeries(0.020), 0.0),
         ("adaptive, begun at 20 ms, 5 µm of noise", AdaptiveTimeSeries(0.020), 5e-6),
     ):
-        result = one_mass(0.030, compensation=compensation, noise=noise, substeps=10)
+        sensor = Sensor(noise)
+        result = one_mass_test(0.030, compensation, displacement_sensor=sensor)._run_unchecked()
         rows.append([name, f"{growth(result):.4f}", f"{result.tracking['displacement'].error:.1e}"])
     return [*rows, ["(without a delay)", f"{-2.0 * np.pi * RATIO:.4f}", "0"]]
 

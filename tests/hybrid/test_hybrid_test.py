@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from one_mass import RATIO, growth, one_mass_test
 
 from structid.errors import InputError, StructidWarning
 from structid.ground_motion.record import GroundMotion
@@ -15,14 +16,10 @@ from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
 from structid.hybrid.simulated_specimen import SimulatedSpecimen
 from structid.hybrid.specimen import SpecimenError
-from structid.hybrid.substructure import Substructure
 from structid.hybrid.transfer import Actuator, Sensor
 from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick
-STIFFNESS, MASS, RATIO = 7.6e6, 12e3, 0.03
-OMEGA = float(np.sqrt(STIFFNESS / MASS))
-PERIOD = 2.0 * np.pi / OMEGA
 
 
 def record(duration=1.0, dt=1e-4):
@@ -35,34 +32,6 @@ def frame_test(actuator=None, **settings):
     specimen = SimulatedSpecimen(lower.force, actuator)
     given = {"record": record(), "dt": 0.01, "time_scale": 100.0, "physical": lower} | settings
     return HybridTest(upper, specimen, **given)
-
-
-def mass_test(delay, compensation=None, cycles=12, substeps=10, **actuator):
-    """All of the stiffness in the laboratory; half of mass and damping in either part.
-
-    A command that is held acts late by whole controller steps, so the delay is made of as many as there are substeps.
-    """
-    c = 2.0 * RATIO * OMEGA * MASS
-    upper = Substructure([[MASS / 2.0]], [[c / 2.0]], [[0.0]], [0])
-    lower = Substructure([[MASS / 2.0]], [[c / 2.0]], [[STIFFNESS]], [0])
-    dt = delay / 10.0
-    step = dt / substeps
-    time = np.arange(round(cycles * PERIOD / dt) * substeps + 1) * step
-    shaken = GroundMotion(np.where(time < PERIOD / 2.0, 3.0 * np.sin(OMEGA * time), 0.0), step)
-    force = LinearForce(np.array([[STIFFNESS]]))
-    specimen = SimulatedSpecimen(force, Actuator(delay=delay, **actuator), controller_step=10.0 * step)
-    coupling = PrakashHjelmstad(substeps, "physical")
-    given = {"coupling": coupling, "compensation": compensation, "physical": lower}
-    return HybridTest(upper, specimen, shaken, dt=dt, time_scale=10.0, **given)
-
-
-def growth(result):
-    """Logarithm of the growth of the amplitude in a cycle."""
-    part = result.histories.fine.part
-    u = part.displacement[:, 0]
-    top = np.flatnonzero((u[1:-1] > u[:-2]) & (u[1:-1] >= u[2:])) + 1
-    top = top[part.time[top] > 2.0 * PERIOD]
-    return np.polyfit(np.arange(len(top)), np.log(u[top]), 1)[0]
 
 
 # --- what a test does -----------------------------------------------------------------------------------------------
@@ -81,7 +50,7 @@ def test_a_perfect_transfer_system_gives_the_virtual_structure(coupling):
 
 
 def test_a_delay_beyond_the_critical_one_grows_as_predicted():
-    test = mass_test(0.030)
+    test = one_mass_test(0.030)
     checked = test.check()
     assert not checked.can_work
     assert checked.critical_delay == pytest.approx(10.0 * 2.385588e-3, rel=1e-6)
@@ -96,13 +65,13 @@ def test_the_loop_is_neutral_at_the_critical_delay():
     """Where its growth passes zero, between a delay of 1 % less and of 1 % more, is the predicted delay within 0.1 %."""
     critical = 10.0 * 2.385588e-3
     shares = np.array([0.99, 1.01])
-    grown = [growth(mass_test(share * critical, cycles=30, substeps=5)._run_unchecked()) for share in shares]
+    grown = [growth(one_mass_test(share * critical, cycles=30, substeps=5)._run_unchecked()) for share in shares]
     assert grown[0] < 0.0 < grown[1]
     assert np.interp(0.0, grown, shares) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_extrapolation_brings_back_the_decay():
-    result = mass_test(0.030, PolynomialExtrapolation(0.030)).run()
+    result = one_mass_test(0.030, PolynomialExtrapolation(0.030)).run()
     assert growth(result) == pytest.approx(-2.0 * np.pi * RATIO, rel=2e-3)
     assert result.tracking["displacement"].error < 1e-4
     assert result.tracking["displacement"].index.delay == pytest.approx(0.0, abs=1e-6)
@@ -110,15 +79,15 @@ def test_extrapolation_brings_back_the_decay():
 
 def test_a_series_that_learns_does_so_too():
     sensor = Sensor(5e-6)
-    result = mass_test(0.030, AdaptiveTimeSeries(0.020), cycles=20, displacement_sensor=sensor).run()
+    result = one_mass_test(0.030, AdaptiveTimeSeries(0.020), cycles=20, displacement_sensor=sensor).run()
     u = result.coarse.u[:, 0]
     assert np.abs(u[-200:]).max() < 0.2 * np.abs(u).max()
 
 
 def test_the_force_correction_is_exact_for_a_linear_specimen():
-    test = replace(mass_test(0.015, substeps=5), force_correction=True)
+    test = replace(one_mass_test(0.015, substeps=5), force_correction=True)
     assert growth(test.run()) == pytest.approx(-2.0 * np.pi * RATIO, rel=2e-3)
-    assert growth(mass_test(0.015, substeps=5).run()) > -2.0 * np.pi * 0.7 * RATIO
+    assert growth(one_mass_test(0.015, substeps=5).run()) > -2.0 * np.pi * 0.7 * RATIO
 
 
 def test_indicators_see_the_delay():
