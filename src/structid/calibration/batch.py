@@ -1,26 +1,26 @@
-"""Which true runs to do next: draws of the posterior, where its surrogate is least sure, and where it has not been."""
+"""Which true runs to do next: where the surrogate is sure enough to say, draws of its posterior; on the way there, tempered ones."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from structid.calibration.exploration import Exploration
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.sampler import Block
-from structid.surrogates.face import Surrogate
 
-FRESH_SHARE = 0.4
+import os
+PLAIN_SHARE = float(os.environ.get('PS','0.5'))
 """Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
 
-WIDENED_SHARE = 0.4
-"""Share of a batch that are widened draws, chosen where the surrogate is least sure; the rest are tempered draws."""
-
-TEMPERATURES = (0.3, 0.1)
-"""Exponents of the likelihood for tempered draws, which are about two and three times as wide as the posterior."""
-
 CANDIDATES = 200
-"""Draws among which the surrogate's own standard deviation is compared."""
+"""Draws among which the surrogate's own uncertainty is compared."""
+
+TEMPERED_SHARE = 1.0 / 3.0
+"""Share of a certificate's draws that are tempered: where the surrogate's posterior is too narrow, plain draws see it too rarely."""
+
+TEMPERATURE = 0.5
+"""Exponent of the likelihood for those: √2 times as wide as the posterior."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +30,25 @@ class Batch:
     Parameters
     ----------
     fresh : ndarray, shape (draw, parameter)
-        Draws of the surrogate's posterior, discrepancy parameters included, in SI.
+        Draws of the surrogate's posterior or wider ones, discrepancy parameters included, in SI.
     log_surrogate : ndarray, shape (draw,)
         Their log density under the surrogate.
+    shares : ndarray, shape (draw,)
+        What each counts in an average over the surrogate's posterior; one for plain draws.
     others : ndarray, shape (point, model parameter)
         Further points of the model's parameters, in SI.
+    population : ndarray, shape (particle, parameter)
+        Many draws of the surrogate's posterior, in SI.
+    highest : float
+        Largest log density of the surrogate's posterior among them.
     """
 
     fresh: np.ndarray
     log_surrogate: np.ndarray
+    shares: np.ndarray
     others: np.ndarray
+    population: np.ndarray
+    highest: float
 
     def points(self, dimension: int) -> np.ndarray:
         """All points of the model's parameters, the fresh draws first.
@@ -56,16 +65,32 @@ class Batch:
         """
         return np.concatenate([self.fresh[:, :dimension], self.others])
 
+    def of_the_errors(self, dimension: int, count: int) -> np.ndarray:
+        """Some draws of the discrepancy's parameters.
 
-def fresh_draws(posterior: Posterior, particles: Block, count: int, rng: np.random.Generator) -> Batch:
-    """Choose plain draws among the last particles of a sampler.
+        Parameters
+        ----------
+        dimension : int
+            Number of the model's parameters.
+        count : int
+            How many at most.
+
+        Returns
+        -------
+        ndarray, shape (draw, discrepancy parameter)
+            In SI; one draw of nothing where it has no parameters.
+        """
+        own = self.population[:: max(1, len(self.population) // count), dimension:]
+        return own[:count] if own.shape[1] else own[:1]
+
+
+def certificate_draws(explored: Exploration, count: int, rng: np.random.Generator) -> Batch:
+    """Choose the draws of a certificate: plain ones, and a share of tempered ones.
 
     Parameters
     ----------
-    posterior : Posterior
-        Under the surrogate.
-    particles : dict
-        The sampler's last block.
+    explored : Exploration
+        The surrogate's posterior.
     count : int
         How many.
     rng : numpy.random.Generator
@@ -74,36 +99,23 @@ def fresh_draws(posterior: Posterior, particles: Block, count: int, rng: np.rand
     Returns
     -------
     Batch
-        Without others.
+        Without others. A draw of the mixture g of both laws counts q/g in an average over the posterior q.
     """
-    phi = _last(posterior, particles)
-    phi = phi[rng.permutation(len(phi))]
-    # Particles that were drawn twice and have not moved since are one: a point is run once.
-    distinct = np.sort(np.unique(phi, axis=0, return_index=True)[1])
-    theta, jacobian = posterior.bijection(phi[distinct[:count]])
-    log_density, _ = posterior.evaluate(phi[distinct[:count]])
-    others = np.empty((0, posterior.model_space.dimension))
-    return Batch(theta, log_density - jacobian, others)
+    stage = explored.nearest(TEMPERATURE)
+    wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
+    plain = explored.distinct(-1, count - len(wide), rng)
+    phi = np.concatenate([plain, wide])
+    mixed = len(plain) + len(wide) * explored.share_of_tempered(phi, stage)
+    return _batch(explored, phi, len(phi) / mixed, np.empty((0, explored.posterior.model_space.dimension)))
 
 
-def next_batch(
-    posterior: Posterior,
-    surrogate: Surrogate,
-    blocks: list[Block],
-    known: np.ndarray,
-    count: int,
-    rng: np.random.Generator,
-) -> Batch:
-    """Choose a batch that improves the surrogate where its posterior is.
+def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
+    """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is.
 
     Parameters
     ----------
-    posterior : Posterior
-        Under the surrogate.
-    surrogate : Surrogate
-        Its model.
-    blocks : list of dict
-        All blocks of the tempered sampler.
+    explored : Exploration
+        The surrogate's posterior.
     known : ndarray, shape (run, model parameter)
         Points of earlier true runs.
     count : int
@@ -114,25 +126,55 @@ def next_batch(
     Returns
     -------
     Batch
-        `FRESH_SHARE` are plain draws. `WIDENED_SHARE` are draws of a law wider than the posterior, since a surrogate is worst at
-        the edge of its runs: first those that bring the posterior inside the range of the runs, then those where the surrogate's
-        standard deviation times the distance to known points is largest. The rest come from tempered posteriors, as far as
-        possible from known points.
+        Where the surrogate is sure of its posterior, half are plain draws and half draws of a wider law: first those that bring
+        the posterior inside the range of the runs, then those where the surrogate's own uncertainty of the log density times the
+        distance to known points is largest. Where it is not, half come from the last tempered posterior of which it is sure and
+        half from the first one of which it is not, far from known points.
     """
-    fresh, widened = round(FRESH_SHARE * count), round(WIDENED_SHARE * count)
-    plain = fresh_draws(posterior, blocks[-1], fresh, rng)
+    if not explored.sure:
+        return _on_the_way(explored, known, count, rng)
+    posterior = explored.posterior
     dimension = posterior.model_space.dimension
-    taken = np.concatenate([known, plain.fresh[:, :dimension]])
-    candidates = widened_draws(posterior, blocks[-1], CANDIDATES, rng)
-    particles = posterior.bijection(_last(posterior, blocks[-1]))[0]
-    edges = beyond_the_runs(candidates[:, :dimension], particles[:, :dimension], taken)[:widened]
+    plain = explored.distinct(-1, round(PLAIN_SHARE * count), rng)
+    theta, _ = posterior.bijection(plain)
+    taken = np.concatenate([known, theta[:, :dimension]])
+    candidates = widened_draws(explored, CANDIDATES, rng)
+    import os
+    mode=os.environ.get('CAND','wide')
+    if mode=='plain': candidates = posterior.bijection(explored.distinct(-1, CANDIDATES, rng))[0]
+    if mode=='half': candidates = posterior.bijection(explored.distinct(explored.nearest(0.5), CANDIDATES, rng))[0]
+    left = count - len(plain)
+    edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], taken)[:left]
     taken = np.concatenate([taken, candidates[edges, :dimension]])
-    deviation = relative_deviation(posterior, surrogate, candidates)
-    rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), widened - len(edges), deviation)
-    unsure = candidates[np.concatenate([edges, rows]), :dimension]
-    taken = np.concatenate([taken, unsure])
-    tempered = tempered_draws(posterior, blocks, taken, count - fresh - widened, rng)
-    return replace(plain, others=np.concatenate([unsure, tempered]))
+    unsure = np.sqrt(explored.variance_at(candidates))
+    unsure = np.where(np.isfinite(unsure), unsure, 0.0)
+    rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), left - len(edges), unsure)
+    others = candidates[np.concatenate([edges, rows]), :dimension]
+    return _batch(explored, plain, np.ones(len(plain)), others)
+
+
+def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
+    """Points of the tempered posteriors beside which the surrogate begins to be unsure."""
+    posterior = explored.posterior
+    dimension = posterior.model_space.dimension
+    import os
+    bold=float(os.environ.get('BOLD','1'))
+    second=max(explored.trusted+1, explored.nearest(min(1.0,bold*max(explored.exponents[explored.trusted],1e-12)))) if explored.trusted else 1
+    theta = explored.draws(explored.trusted)[:, :dimension]
+    found = [theta[beyond_the_runs(theta, theta, known)][: count // 2]]
+    for block, share in ((explored.trusted, count // 2 - len(found[0])), (second, count - count // 2)):
+        phi = explored.distinct(block, CANDIDATES, rng)
+        theta = posterior.bijection(phi)[0][:, :dimension]
+        taken = np.concatenate([known, *found])
+        found.append(theta[far_apart(_scores(posterior, theta), _scores(posterior, taken), share)])
+    return _batch(explored, np.empty((0, posterior.dimension)), np.empty(0), np.concatenate(found))
+
+
+def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: np.ndarray) -> Batch:
+    """Fresh draws, given in unconstrained coordinates, and others."""
+    theta, _ = explored.posterior.bijection(phi)
+    density = explored.log_density(phi) if len(phi) else np.empty(0)
+    return Batch(theta, density, shares, others, explored.draws(), explored.highest)
 
 
 def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.ndarray) -> np.ndarray:
@@ -161,15 +203,13 @@ def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.nda
     return np.unique(rows).astype(int)
 
 
-def widened_draws(posterior: Posterior, particles: Block, count: int, rng: np.random.Generator) -> np.ndarray:
+def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -> np.ndarray:
     """Draw from a law like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws.
 
     Parameters
     ----------
-    posterior : Posterior
-        Under the surrogate.
-    particles : dict
-        The sampler's last block.
+    explored : Exploration
+        The surrogate's posterior.
     count : int
         How many.
     rng : numpy.random.Generator
@@ -180,54 +220,9 @@ def widened_draws(posterior: Posterior, particles: Block, count: int, rng: np.ra
     ndarray, shape (count, parameter)
         In SI.
     """
-    phi = _last(posterior, particles)
+    phi = explored.particles()
     first, second, third = (phi[rng.integers(len(phi), size=count)] for _ in range(3))
-    return posterior.bijection(first + second - third)[0]
-
-
-def tempered_draws(
-    posterior: Posterior, blocks: list[Block], known: np.ndarray, count: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Choose draws of tempered posteriors, as far as possible from what is known and from one another.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Under the surrogate.
-    blocks : list of dict
-        All blocks of the tempered sampler.
-    known : ndarray, shape (run, model parameter)
-        Points of earlier true runs.
-    count : int
-        How many.
-    rng : numpy.random.Generator
-        Source of randomness.
-
-    Returns
-    -------
-    ndarray, shape (count, model parameter)
-        In SI.
-    """
-    exponents = np.maximum([b["exponent"][-1] for b in blocks], 1e-300)
-    dimension = posterior.model_space.dimension
-    found: list[np.ndarray] = []
-    for share, temperature in zip(_shares(count, len(TEMPERATURES)), TEMPERATURES, strict=True):
-        stage = blocks[int(np.argmin(np.abs(np.log(exponents / temperature))))]
-        phi = _last(posterior, stage)
-        theta, _ = posterior.bijection(phi[rng.permutation(len(phi))[: 10 * CANDIDATES]])
-        theta = theta[:, :dimension]
-        taken = np.concatenate([known, *found])
-        found.append(theta[far_apart(_scores(posterior, theta), _scores(posterior, taken), share)])
-    return np.concatenate(found)
-
-
-def _last(posterior: Posterior, particles: Block) -> np.ndarray:
-    """Where the particles of a block are at its end, in unconstrained coordinates, shape (particle, parameter)."""
-    return np.asarray(particles["phi"][-1].reshape(-1, posterior.dimension))
-
-
-def _shares(count: int, parts: int) -> list[int]:
-    return [count // parts + (i < count % parts) for i in range(parts)]
+    return explored.posterior.bijection(first + second - third)[0]
 
 
 def _scores(posterior: Posterior, theta: np.ndarray) -> np.ndarray:
@@ -270,30 +265,3 @@ def far_apart(candidates: np.ndarray, known: np.ndarray, count: int, weights: np
         chosen.append(best)
         distance = np.minimum(distance, np.linalg.norm(points - points[best], axis=1))
     return np.array(chosen, dtype=int)
-
-
-def relative_deviation(posterior: Posterior, surrogate: Surrogate, theta: np.ndarray) -> np.ndarray:
-    """The surrogate's own standard deviation relative to its prediction, over all measurements.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        With the measurements.
-    surrogate : Surrogate
-        The model.
-    theta : ndarray, shape (run, parameter)
-        Points in SI.
-
-    Returns
-    -------
-    ndarray, shape (run,)
-        Root mean square over time, channels and measurements.
-    """
-    parameters = np.asarray(posterior.model_parameters(theta))
-    total = np.zeros(len(theta))
-    for observation in posterior.observations:
-        values = surrogate.run(parameters, observation.record).values
-        deviation = surrogate.standard_deviation(parameters, observation.record, values)
-        size = np.sqrt(np.mean(values**2, axis=1, keepdims=True))
-        total += np.nanmean((deviation / np.where(size > 0, size, 1.0)) ** 2, axis=(1, 2))
-    return np.sqrt(np.where(np.isfinite(total), total, 0.0))

@@ -15,8 +15,8 @@ from structid.inference.sampling_result import SamplingResult
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
-PROMISING = 1 / 3
-"""A round's own draws promise a certificate if their scatter is below this share of what a certificate allows."""
+PROMISING = 0.08
+"""Spread of the log weights of a round's own draws below which it promises a certificate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,16 +35,20 @@ class Round:
         Fresh draws of its posterior at which the true model was run.
     others : int
         Further true runs.
-    effective_sample_size : float
-        Of the fresh draws after re-weighting.
+    exponent : float
+        Of the likelihood, up to which the surrogate was sure of its posterior; 1 for the posterior itself.
+    deviation : float
+        Standard deviation of the log density over the surrogate's own error, where the posterior is [nat].
     spread : float
-        Standard deviation of their log weights; infinite where a true run failed.
+        Standard deviation of the log weights of the fresh draws; infinite where a true run failed, or where there are none.
     failed : int
         Fresh draws whose true run failed.
     certificate : Certificate or None
         The certificate, if the round ended with one.
     log_weights : ndarray, shape (draw,)
         log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
+    shares : ndarray, shape (draw,)
+        What each fresh draw counts in an average over the surrogate's posterior.
     """
 
     number: int
@@ -52,34 +56,25 @@ class Round:
     error: float
     fresh: int
     others: int
-    effective_sample_size: float
+    exponent: float
+    deviation: float
     spread: float
     failed: int
     certificate: Certificate | None
     log_weights: np.ndarray = field(repr=False)
+    shares: np.ndarray = field(repr=False)
 
-    def promising(self, limits: Limits) -> bool:
-        """Say whether a certificate is worth its true runs.
-
-        Parameters
-        ----------
-        limits : Limits
-            The limits it will have to meet.
-
-        Returns
-        -------
-        bool
-            Whether the fresh draws of the round itself would pass with a margin: they are few, and a failed certificate is
-            expensive.
-        """
-        enough = self.effective_sample_size >= limits.effective_share * self.fresh
-        return enough and self.spread <= PROMISING * limits.spread
+    @property
+    def promising(self) -> bool:
+        """Whether a certificate is worth its true runs: the round's own plain draws say so."""
+        return self.failed == 0 and self.fresh > 0 and self.spread <= PROMISING
 
     def __str__(self) -> str:
         told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
-        told += (
-            f"{self.effective_sample_size:.0f} of {self.fresh} fresh draws effective, spread of log w {self.spread:.2g}"
-        )
+        if self.fresh:
+            told += f"spread of log w {self.spread:.2g} at {self.fresh} fresh draws"
+        else:
+            told += f"sure of its posterior up to an exponent of {self.exponent:.2g} of the likelihood"
         return told + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 
@@ -189,11 +184,11 @@ class CalibrationResult:
         Evidence
             With the mean weight of the certificate's draws, and its error.
         """
-        ratios = self.rounds[-1].log_weights
+        ratios, shares = self.rounds[-1].log_weights, self.rounds[-1].shares
         largest = ratios.max()
-        weights = np.exp(ratios - largest)
-        shift = float(largest + np.log(weights.mean()))
-        error = float(weights.std() / weights.mean() / np.sqrt(len(weights)))
+        mean = float(shares @ np.exp(ratios - largest) / shares.sum())
+        shift = float(largest + np.log(mean))
+        error = self.certificate.variation.estimate / np.sqrt(self.certificate.variation.draws)
         return Evidence(evidence.value + shift, float(np.hypot(evidence.error, error)), evidence.each + shift)
 
     @property

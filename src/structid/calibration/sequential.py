@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from structid.calibration.batch import Batch, fresh_draws, next_batch, tempered_draws
+from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
+from structid.calibration.exploration import Exploration
 from structid.calibration.nearness import nearness
 from structid.calibration.plan import Plan
 from structid.campaign.executors import kept_open, run_map
@@ -20,8 +21,7 @@ from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status, names_checked
 from structid.hashing import digest
-from structid.inference.assessment.certificate import Certificate, StoredRuns, certify
-from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.assessment.certificate import Certificate, FreshDraws, StoredRuns, judged
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
@@ -40,7 +40,7 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 5
+SCHEMA = 6
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 DISCREPANCY_DRAWS = 32
@@ -54,6 +54,15 @@ LONGER = (1, 4, 16)
 
 LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
+
+LARGEST_OUTSIDE = 0.01
+"""Share of the posterior beyond the range of the runs, where a surrogate responds as at the edge, before a certificate."""
+
+FEWEST_IN_A_BATCH = 4
+"""A batch of fewer runs before the last certificate is not worth a round."""
+
+Entry = dict[str, np.ndarray]
+"""A round on disk."""
 
 Tell = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and the total."""
@@ -174,7 +183,7 @@ class _Loop:
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
         self.space, self.law_is_open = posterior.model_space, law_is_open
         self.records = tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
-        self.points = self.space.sample(plan.start, seed, "sobol", plan.widen).values
+        self.points = self.space.sample(plan.first(self.space.dimension), seed, "sobol", plan.widen).values
         settings.check(self._design(), self.records, posterior.model.channels)
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.rounds: list[Round] = []
@@ -199,28 +208,23 @@ class _Loop:
         runs = self._true_runs()
         stored = [] if self.journal is None else list(self.journal)
         while True:
-            number = len(self.rounds)
-            training = len(self.points)
-            replayed = number < len(stored)
+            number, training = len(self.rounds), len(self.points)
             surrogate = self._surrogate(number, runs)
-            due = self._is_time_for_a_certificate(training)
-            if due and self.law_is_open and self.choice is None:
-                due = self._choose_law(surrogate) or not self._room(training)
-            under = self.posterior.on(surrogate)
-            if replayed:
-                batch, final = _batch_of(stored[number]), bool(stored[number]["final"])
+            if number < len(stored):
+                entry = stored[number]
+                self._law_as_stored(entry, surrogate)
             else:
-                final = due
-                batch = self._batch(number, surrogate, under, final)
+                entry = self._next(number, surrogate)
                 if self.journal is not None:
-                    self.journal.append(_entry(batch, final))
+                    self.journal.append(entry)
+            batch, final = _batch_of(entry), bool(entry["final"])
+            under = self.posterior.on(surrogate)
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
             self.last = batch
             runs = self._true_runs(runs)
-            certificate, ratios, collapsed = self._judge(batch, under, runs, training, final)
-            self.rounds.append(_round(number, training, surrogate, batch, ratios, collapsed, certificate))
-            enough = certificate is not None and (certificate.certified or not self._affordable(len(self.points)))
-            if enough:
+            self.rounds.append(self._judged(entry, surrogate, batch, under, runs, training))
+            certificate = self.rounds[-1].certificate
+            if certificate is not None and (certificate.certified or not self._affordable(len(self.points))):
                 return self._result(surrogate, under, certificate, runs)
 
     # --- true runs ----------------------------------------------------------------------------------------------
@@ -282,25 +286,41 @@ class _Loop:
         fit: Callable[..., Surrogate] = self.settings.fit
         return fit(runs, told, **further)
 
-    def _batch(self, number: int, surrogate: Surrogate, under: Posterior, final: bool) -> Batch:
+    def _next(self, number: int, surrogate: Surrogate) -> Entry:
+        """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
+        training = len(self.points)
+        due = self._is_time_for_a_certificate(training)
+        chosen = due and self.law_is_open and self.choice is None
+        if chosen:
+            due = self._choose_law(surrogate) or not self._room(training)
+        explored = self._explored(number, surrogate)
+        due = due and (explored.outside <= LARGEST_OUTSIDE or not self._room(training))
+        rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
+        if due:
+            batch = certificate_draws(explored, self.plan.certificate, rng)
+        else:
+            batch = next_batch(explored, self.points, min(self.plan.batch, self._left(training)), rng)
+        sure = float(explored.exponents[explored.trusted]), float(np.sqrt(explored.variance()))
+        return _entry(batch, final=due, chosen=chosen, sure=sure)
+
+    def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
         told = self._told("exploring its posterior")
-        seed = derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
+        under, seed = self.posterior.on(surrogate), derived_seed(self.seed, Purpose.CALIBRATION_EXPLORING, number)
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
-        rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
-        if not final:
-            return next_batch(under, surrogate, blocks, self.points, self.plan.batch, rng)
-        fresh = fresh_draws(under, blocks[-1], self.plan.certificate, rng)
-        return replace(fresh, others=tempered_draws(under, blocks, self.points, self.plan.tempered, rng))
+        return Exploration(under, surrogate, blocks)
 
     def _is_time_for_a_certificate(self, training: int) -> bool:
         """When the last batch says so, or when the budget leaves no room for another batch before it."""
-        promising = bool(self.rounds) and self.rounds[-1].promising(self.plan.limits)
-        return promising or not self._room(training)
+        return (bool(self.rounds) and self.rounds[-1].promising) or not self._room(training)
 
     def _room(self, training: int) -> bool:
         """Whether the budget leaves room for another batch before the certificate."""
-        return training + self.plan.batch + self.plan.needed <= self.plan.true_runs
+        return self._left(training) >= FEWEST_IN_A_BATCH
+
+    def _left(self, training: int) -> int:
+        """Runs of the budget that no certificate needs."""
+        return self.plan.true_runs - training - self.plan.certificate
 
     def _choose_law(self, surrogate: Surrogate) -> bool:
         """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
@@ -311,24 +331,35 @@ class _Loop:
         self.posterior = self.posterior.on(law=self.choice.posterior.law)
         return self.choice.chosen == 0
 
-    def _affordable(self, spent: int) -> bool:
-        return spent + self.plan.needed <= self.plan.true_runs
+    def _law_as_stored(self, entry: Entry, surrogate: Surrogate) -> None:
+        """Choose the law again in the round in which it was chosen; its draws are stored."""
+        if entry["chosen"] and self.choice is None:
+            self._choose_law(surrogate)
 
-    def _judge(
-        self, batch: Batch, under: Posterior, runs: Runs, training: int, final: bool
-    ) -> tuple[Certificate | None, np.ndarray, np.ndarray]:
-        """The certificate if it is time for one, log weights of the fresh draws, and those at which the structure failed."""
+    def _affordable(self, spent: int) -> bool:
+        return self._left(spent) >= 0
+
+    def _judged(
+        self, entry: Entry, surrogate: Surrogate, batch: Batch, under: Posterior, runs: Runs, training: int
+    ) -> Round:
+        """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
         fresh = slice(training, training + len(batch.fresh))
-        log_true = self.posterior.given(self._responses(runs, fresh)).log_density(batch.fresh)
-        ratios = np.where(np.isfinite(log_true), log_true - batch.log_surrogate, -np.inf)
-        collapsed = self._collapsed(runs, fresh)
-        if not final:
-            return None, ratios, collapsed
-        stored = self._stored(batch, under, runs)
-        names, limits = self.posterior.names, self.plan.limits
-        spent = len(self.points)
-        certificate = certify(batch.fresh, log_true, batch.log_surrogate, stored, names, spent, limits, collapsed)
-        return certificate, ratios, collapsed
+        given = self.posterior.given(self._responses(runs, fresh)) if len(batch.fresh) else None
+        log_true = np.empty(0) if given is None else given.log_density(batch.fresh)
+        drawn = FreshDraws(
+            batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
+            self._collapsed(runs, fresh),
+        )  # fmt: skip
+        certificate = None
+        if entry["final"]:
+            look = 1 + sum(r.certificate is not None for r in self.rounds)
+            stored = self._stored(batch, under, runs)
+            certificate = judged(drawn, stored, self.posterior.names, len(self.points), look, self.plan.limits)
+        exponent, deviation = map(float, entry["sure"])
+        return Round(
+            len(self.rounds), training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation,
+            drawn.spread, drawn.failed, certificate, drawn.log_ratios, batch.shares,
+        )  # fmt: skip
 
     def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
         density, theta = self._best_densities(batch, runs)
@@ -337,11 +368,12 @@ class _Loop:
     def _best_densities(self, batch: Batch, runs: Runs) -> tuple[np.ndarray, np.ndarray]:
         """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws."""
         dimension = self.space.dimension
+        own = batch.of_the_errors(dimension, DISCREPANCY_DRAWS)
         given = self.posterior.given(self._responses(runs, slice(None)))
         best = np.full(len(self.points), -np.inf)
-        theta = np.concatenate([self.points, np.tile(batch.fresh[0, dimension:], (len(self.points), 1))], axis=1)
-        for own in batch.fresh[:DISCREPANCY_DRAWS, dimension:] if theta.shape[1] > dimension else [np.empty(0)]:
-            trial = np.concatenate([self.points, np.tile(own, (len(self.points), 1))], axis=1)
+        theta = np.concatenate([self.points, np.tile(own[0], (len(self.points), 1))], axis=1)
+        for some in own:
+            trial = np.concatenate([self.points, np.tile(some, (len(self.points), 1))], axis=1)
             density = given.log_density(trial)
             better = density > best
             best, theta[better] = np.where(better, density, best), trial[better]
@@ -385,30 +417,11 @@ class _Loop:
         return tell
 
 
-def _entry(batch: Batch, final: bool) -> dict[str, np.ndarray]:
-    return {
-        "fresh": batch.fresh, "log_surrogate": batch.log_surrogate, "others": batch.others, "final": np.array(final),
-    }  # fmt: skip
+def _entry(batch: Batch, final: bool, chosen: bool, sure: tuple[float, float]) -> Entry:
+    own = {field.name: np.asarray(getattr(batch, field.name)) for field in fields(Batch)}
+    return own | {"final": np.array(final), "chosen": np.array(chosen), "sure": np.array(sure)}
 
 
-def _batch_of(entry: dict[str, np.ndarray]) -> Batch:
-    return Batch(entry["fresh"], entry["log_surrogate"], entry["others"])
-
-
-def _round(
-    number: int,
-    training: int,
-    surrogate: Surrogate,
-    batch: Batch,
-    ratios: np.ndarray,
-    collapsed: np.ndarray,
-    certificate: Certificate | None,
-) -> Round:
-    weights = np.exp(ratios - ratios.max()) if np.isfinite(ratios).any() else np.ones(len(ratios))
-    ran = np.isfinite(ratios)
-    failed = int((~ran & ~collapsed).sum())
-    spread = float(np.std(ratios[ran])) if failed == 0 and ran.any() else float("inf")
-    return Round(
-        number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others),
-        weighted_size(weights), spread, failed, certificate, ratios,
-    )  # fmt: skip
+def _batch_of(entry: Entry) -> Batch:
+    of_batch = {field.name: entry[field.name] for field in fields(Batch)}
+    return Batch(**of_batch | {"highest": float(entry["highest"])})

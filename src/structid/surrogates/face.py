@@ -305,6 +305,27 @@ class Surrogate(TraceableModel, StandIn):
         theta = self.parameters(design)
         return histories, self.standard_deviation(theta, excitation, histories.values)
 
+    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+        """Draw responses from what the surrogate knows of its own error.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI, a draw for each.
+        excitation : Excitation
+            What drives it.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI. Unless the kind of surrogate knows better, an error keeps its sign over time: the worst that it can do.
+        """
+        values = self.run(theta, excitation).values
+        error = rng.standard_normal((len(theta), 1, values.shape[2]))
+        return np.asarray(values + error * self.standard_deviation(theta, excitation, values))
+
     def validate(self, runs: Runs, progress: Progress | None = None) -> Validation:
         """Compare with runs the surrogate was not fitted to, and keep the outcome, which decides whether it may be used.
 

@@ -1,25 +1,30 @@
-"""May the posterior under a surrogate be believed? Importance weights of true runs at fresh draws of it say so.
+"""May a posterior be believed that was not drawn from the model itself? True runs at fresh draws of it say so.
 
-The weights are w = π_true/π_surrogate at draws of π_surrogate that no surrogate has seen. Their Pareto-smoothed tail index k̂
-(Vehtari, Simpson, Gelman, Yao & Gabry 2024, JMLR 25(72)), effective size and scatter show how far apart the two posteriors are
-where the surrogate's has mass. The true runs of all rounds, tempered draws among them, check that it misses no mass.
+One number carries the statement: χ, the coefficient of variation of the weights w = π/q of the true posterior π over the one that
+was drawn, q; see `weight_variation`. The certificate holds if an upper bound of χ, from few fresh draws, is small enough for every
+mean and every standard deviation. What draws of q cannot show, mass of π where q has none, the stored true runs of all rounds are
+searched for.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from structid.errors import InputError
-from structid.inference.assessment.pareto_smoothing import smoothed_weights
+from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.assessment.weight_variation import WeightVariation, largest_variation, weight_variation
 from structid.notebook import ShownAsText
 
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
 
-FEWEST_DRAWS = 50
-"""Fewer fresh draws say nothing about a tail: with 50, k̂ itself has a standard deviation of 0.24."""
+FEWEST_DRAWS = 15
+"""Fewer fresh draws say too little of a variance: its bound would be more than three times the estimate."""
+
+UNSEEN = 3.0
+"""Of n draws none falls into a set of probability 3/n with a probability of 5 %."""
 
 
 @dataclass(frozen=True)
@@ -28,53 +33,127 @@ class Limits:
 
     Parameters
     ----------
-    k_hat : float
-        Largest tail index of the weights; for n draws at most 1 − 1/log₁₀ n.
-    effective_share : float
-        Smallest effective share of the draws, (Σw)²/(n Σw²).
-    spread : float
-        Largest standard deviation of log w.
+    mean : float
+        How far any mean may be off, in posterior standard deviations.
+    sd : float
+        How far any standard deviation may be off, as a share of it.
+    confidence : float
+        With which both hold, over all looks of a calibration together.
+    above : float
+        How much more density than every draw a stored true run may have [nat].
     reach : float
         Stored true runs whose log density is within this distance of the best one are checked [nat].
     excess : float
-        Largest log(π_true/π_surrogate) of such a run above the median over the draws [nat].
+        Largest log π/q of such a run above the median over the draws [nat].
     understated : float
-        The surrogate may understate runs further from the best by this share of their distance. A surrogate that is worse there
-        could hide a mode that no draw visits.
-    shift : float
-        Largest shift of a mean by re-weighting, in posterior standard deviations, give or take twice its Monte-Carlo error.
+        q may understate runs further from the best by this share of their distance. If it is worse there, it could hide a mode
+        that no draw visits.
+    usable : float
+        Largest bound of χ with which re-weighted moments may be used.
     usable_size : float
-        Smallest effective number of draws with which re-weighted moments may be used.
+        Smallest effective number of draws with which they may.
     """
 
-    k_hat: float = 0.7
-    effective_share: float = 0.8
-    spread: float = 0.3
+    mean: float = 0.1
+    sd: float = 0.1
+    confidence: float = 0.95
+    above: float = 2.0
     reach: float = 10.0
     excess: float = 3.0
     understated: float = 0.5
-    shift: float = 0.1
+    usable: float = 1.0
     usable_size: float = 50.0
 
-    def largest_k_hat(self, draws: int) -> float:
-        """Largest k̂ allowed for this many draws.
+    def confidence_of(self, look: int) -> float:
+        """Confidence of one of several looks; whoever looks often enough sees what he wants by chance.
 
         Parameters
         ----------
-        draws : int
-            n.
+        look : int
+            1 for the first.
 
         Returns
         -------
         float
-            min(1 − 1/log₁₀ n, the limit).
+            1 − α/2^look, so that the α of all looks sum up to less than one minus the confidence.
         """
-        return float(min(1.0 - 1.0 / np.log10(draws), self.k_hat))
+        return 1.0 - (1.0 - self.confidence) / 2.0**look
+
+
+@dataclass(frozen=True, eq=False)
+class FreshDraws:
+    """Draws of q, or of something wider, at which the true model was run, and what is known of q besides.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (draw, parameter)
+        In SI; no surrogate was fitted to them.
+    log_true : ndarray, shape (draw,)
+        Log density of π there up to a constant, −inf where the true run failed.
+    log_drawn : ndarray, shape (draw,)
+        Log density of q, likewise.
+    shares : ndarray, shape (draw,)
+        What each counts in an average over q: one for plain draws, see `weight_variation`.
+    population : ndarray, shape (point, parameter)
+        Many draws of q.
+    highest : float
+        Largest log density of q among them.
+    impossible : ndarray of bool, shape (draw,), optional
+        Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
+    """
+
+    theta: np.ndarray
+    log_true: np.ndarray
+    log_drawn: np.ndarray
+    shares: np.ndarray
+    population: np.ndarray
+    highest: float
+    impossible: np.ndarray | None = None
+
+    @property
+    def log_ratios(self) -> np.ndarray:
+        """log π/q, −inf where a true run failed."""
+        return np.where(np.isfinite(self.log_true), self.log_true - self.log_drawn, -np.inf)
+
+    @property
+    def spread(self) -> float:
+        """Standard deviation of log π/q over plain draws; infinite where a true run failed, or without draws."""
+        ratios = self.log_ratios[np.isfinite(self.log_true)]
+        return float(np.std(ratios)) if len(ratios) and self.failed == 0 else float("inf")
+
+    @property
+    def failed(self) -> int:
+        """Draws whose true run failed."""
+        stopped = ~np.isfinite(self.log_true)
+        return int((stopped if self.impossible is None else stopped & ~self.impossible).sum())
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Weights of the draws in averages over π, which sum to one."""
+        ratios = self.log_ratios
+        if not np.isfinite(ratios).any():
+            return np.full(len(ratios), 1.0 / len(ratios))
+        weights = self.shares * np.exp(ratios - ratios.max())
+        return np.asarray(weights / weights.sum())
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRuns:
+    """Log densities at true runs of all rounds.
+
+    Parameters
+    ----------
+    log_true, log_drawn : ndarray, shape (run,)
+        Log densities of π and of q there, at the same discrepancy.
+    """
+
+    log_true: np.ndarray = field(default_factory=lambda: np.empty(0))
+    log_drawn: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate(ShownAsText):
-    """Whether a surrogate's posterior may be believed, and why.
+    """Whether a posterior that was not drawn from the model itself may be believed, and why.
 
     Parameters
     ----------
@@ -82,22 +161,24 @@ class Certificate(ShownAsText):
         Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more true runs.
     reasons : tuple of str
         What fell short, one sentence each.
+    variation : WeightVariation
+        χ̂ and its bound U: every mean is within U standard deviations.
+    allowed : ndarray, shape (parameter,)
+        Largest U that each parameter allows, by its mean and its standard deviation.
+    sd_bound : ndarray, shape (parameter,)
+        How far each standard deviation may be off, as a share of it.
+    shift, shift_error : ndarray, shape (parameter,)
+        How far the weights move each mean, in standard deviations, and the Monte-Carlo error of that.
     draws : ndarray, shape (draw, parameter)
         The fresh draws, in SI.
     weights : ndarray, shape (draw,)
-        Their smoothed weights, which sum to one.
-    k_hat : float
-        Tail index of the weights; −∞ where they are equal up to rounding.
-    effective_sample_size : float
-        (Σw)²/Σw².
-    spread : float
-        Standard deviation of log w; infinite where a true run failed.
-    shift : ndarray, shape (parameter,)
-        How far re-weighting moves each mean, in posterior standard deviations.
-    shift_error : ndarray, shape (parameter,)
-        Monte-Carlo error of that.
+        Their weights in averages over the true posterior, which sum to one.
+    look : int
+        1 for the first certificate that was asked for, 2 for one after a refusal, and so on.
+    above : float
+        By how much the best stored true run exceeds the best draw [nat].
     excess : float
-        Largest log(π_true/π_surrogate), above the median over the draws, of the stored true runs within reach of the best [nat].
+        Largest log π/q, above the median over the draws, of the stored true runs within reach of the best [nat].
     within_reach : int
         Number of those stored runs.
     failed : int
@@ -112,13 +193,15 @@ class Certificate(ShownAsText):
 
     verdict: CertificateVerdict
     reasons: tuple[str, ...]
-    draws: np.ndarray = field(repr=False)
-    weights: np.ndarray = field(repr=False)
-    k_hat: float
-    effective_sample_size: float
-    spread: float
+    variation: WeightVariation
+    allowed: np.ndarray
+    sd_bound: np.ndarray
     shift: np.ndarray
     shift_error: np.ndarray
+    draws: np.ndarray = field(repr=False)
+    weights: np.ndarray = field(repr=False)
+    look: int
+    above: float
     excess: float
     within_reach: int
     failed: int
@@ -138,16 +221,34 @@ class Certificate(ShownAsText):
 
     @property
     def agreement(self) -> str:
-        """What it says of surrogate and model, whatever the draws are worth."""
+        """What it says of the drawn posterior and the model's, whatever the draws are worth."""
         return {
             "certified": "surrogate and model agree",
             "usable with re-weighting": "they agree after re-weighting",
         }.get(self.verdict, "they do not agree")
 
     @property
-    def largest_shift(self) -> float:
-        """Largest shift of a mean by re-weighting, in standard deviations."""
-        return float(np.abs(self.shift).max())
+    def unseen(self) -> float:
+        """Probability of the largest part of the posterior into which by chance none of the draws may have fallen."""
+        return UNSEEN / self.variation.draws
+
+    @property
+    def statement(self) -> str:
+        """What it says of the figures, in a sentence."""
+        largest = float(self.sd_bound.max())
+        return (
+            f"every mean is within {self.variation.bound:.2g} standard deviations of the model's, every standard deviation within "
+            f"{100.0 * largest:.2g} %, the probability of an event of 5 % within "
+            f"{100.0 * float(self.variation.of_probability(0.05)):.2g} %"
+        )
+
+    @property
+    def unknown(self) -> str:
+        """What it cannot know, in a sentence."""
+        return (
+            f"a part of the posterior with less than {100.0 * self.unseen:.0f} % of the probability, into which none of the draws "
+            "fell, and a mode that no true run of any round has touched"
+        )
 
     def __str__(self) -> str:
         return self.said()
@@ -165,23 +266,23 @@ class Certificate(ShownAsText):
         str
             Some lines.
         """
-        count, limits = len(self.draws), self.limits
-        worst = int(np.argmax(np.abs(self.shift)))
         agree = self.certified and not converged
         head = (
             "NOT CERTIFIED: surrogate and model agree, but the draws have not converged"
             if agree
             else self.verdict.upper()
         )
+        worst = int(np.argmax(np.abs(self.shift)))
+        limits = self.limits
         lines = [
-            f"{head} ({self.true_runs} true runs, {count} of them at fresh draws)",
-            f"  tail index of the weights {_number(self.k_hat)} (below {limits.largest_k_hat(count):.2f}), "
-            f"effective {self.effective_sample_size:.0f} of {count} (at least {limits.effective_share * count:.0f}), "
-            f"spread of log w {_number(self.spread)} (at most {limits.spread:g})",
-            f"  {self.within_reach} stored true runs lie within {limits.reach:g} nats of the best; the surrogate misses at most "
-            f"{max(self.excess, 0.0):.2f} nats there (at most {limits.excess:g})",
-            f"  re-weighting moves the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
+            f"{head} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
+            f"  with {limits.confidence:.0%} confidence {self.statement}",
+            f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} (at most "
+            f"{self.allowed.min():.3g} is allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
+            f"  {self.within_reach} stored true runs lie within {limits.reach:g} nats of the best; what was drawn misses at most "
+            f"{max(self.excess, 0.0):.2f} nats there (at most {limits.excess:g})",
+            f"  not known: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
         return "\n".join(lines)
@@ -194,57 +295,35 @@ class Certificate(ShownAsText):
         dict
             By name.
         """
-        listed = {"shift", "shift_error"}
         said = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights")}
-        return {k: v.tolist() if k in listed else v for k, v in said.items()}
+        said |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in said.items()}
 
 
-def _number(value: float) -> str:
-    return f"{value:.2f}" if np.isfinite(value) else ("none" if value < 0 else "infinite")
-
-
-@dataclass(frozen=True, eq=False)
-class StoredRuns:
-    """Log densities at true runs of all rounds.
-
-    Parameters
-    ----------
-    log_true, log_surrogate : ndarray, shape (run,)
-        Log posterior densities there under the true model and under the surrogate, at the same discrepancy.
-    """
-
-    log_true: np.ndarray
-    log_surrogate: np.ndarray
-
-
-def certify(
-    draws: np.ndarray,
-    log_true: np.ndarray,
-    log_surrogate: np.ndarray,
+def judged(
+    fresh: FreshDraws,
     stored: StoredRuns,
     names: tuple[str, ...],
     true_runs: int,
+    look: int = 1,
     limits: Limits | None = None,
-    impossible: np.ndarray | None = None,
 ) -> Certificate:
-    """Judge a surrogate's posterior by true runs at fresh draws of it.
+    """Judge a posterior by true runs at fresh draws of it.
 
     Parameters
     ----------
-    draws : ndarray, shape (draw, parameter)
-        Draws of the surrogate's posterior that no surrogate was fitted to, in SI.
-    log_true, log_surrogate : ndarray, shape (draw,)
-        Log posterior densities there, −inf where a true run failed.
+    fresh : FreshDraws
+        The draws.
     stored : StoredRuns
         True runs of all rounds.
     names : tuple of str
         Parameters.
     true_runs : int
         True runs spent in all.
+    look : int
+        1 for the first certificate that is asked for, 2 for one after a refusal, and so on.
     limits : Limits, optional
         The limits to meet.
-    impossible : ndarray of bool, shape (draw,), optional
-        Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
 
     Returns
     -------
@@ -257,37 +336,55 @@ def certify(
         If there are too few draws.
     """
     limits = Limits() if limits is None else limits
-    count = len(draws)
-    if count < FEWEST_DRAWS:
-        raise InputError("certify", f"{count} fresh draws", f"{FEWEST_DRAWS} or more, best 200")
-    ran = np.isfinite(log_true)
-    ratios = np.where(ran, log_true - log_surrogate, -np.inf)
-    failed = int((~ran if impossible is None else ~ran & ~impossible).sum())
-    weights, k_hat = smoothed_weights(ratios)
-    size = 1.0 / float(np.sum(weights**2))
-    spread = float(np.std(ratios[ran])) if failed == 0 and ran.any() else float("inf")
-    shift, error = _shift(draws, weights)
-    excess, within = _excess(stored, ratios, limits.reach)
-    hidden = _understated(stored, ratios, limits)
-    reasons = []
+    if len(fresh.theta) < FEWEST_DRAWS:
+        raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
+    variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
+    kurtosis = _kurtosis(fresh.population)
+    allowed = largest_variation(limits.mean, limits.sd, kurtosis)
+    sd_bound = 1.0 - np.sqrt(np.maximum(1.0 - variation.of_variance(kurtosis), 0.0))
+    shift, error = _shift(fresh)
+    middle = _middle(fresh.log_ratios)
+    excess, within = _excess(stored, middle, limits.reach)
+    above = _above(stored, fresh.highest + middle)
+    hidden = _understated(stored, middle, limits)
+    missing = _what_is_missing(above, excess, hidden, limits)
+    failed = fresh.failed
     if failed:
-        reasons.append(f"{failed} of {count} true runs at fresh draws failed, where the surrogate sees nothing wrong")
-    largest = limits.largest_k_hat(count)
-    if not k_hat < largest:
-        reasons.append(f"the tail of the weights is too heavy: k̂ = {k_hat:.2f}, not below {largest:.2f}")
-    if not size >= limits.effective_share * count:
-        reasons.append(f"only {size:.0f} of {count} draws are effective after re-weighting")
-    if not spread <= limits.spread:
-        reasons.append(f"log weights spread by {_number(spread)}, more than {limits.spread:g}")
-    surely = np.abs(shift) - 2.0 * error
-    if surely.max() > limits.shift:
-        worst = int(np.argmax(surely))
+        missing = (f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen", *missing)
+    reasons = (*missing, *_what_varies(variation, allowed, names, limits))
+    verdict: CertificateVerdict = "certified"
+    if reasons:
+        enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
+        verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
+    return Certificate(
+        verdict, reasons, variation, allowed, sd_bound, shift, error, fresh.theta, fresh.weights, look, above, excess, within,
+        failed, true_runs, limits, names,
+    )  # fmt: skip
+
+
+def _what_varies(
+    variation: WeightVariation, allowed: np.ndarray, names: tuple[str, ...], limits: Limits
+) -> tuple[str, ...]:
+    """What is wrong with the weights."""
+    strictest = int(np.argmin(allowed))
+    if variation.bound <= allowed[strictest]:
+        return ()
+    told = (
+        f"the weights of the draws may vary by {_number(variation.bound)}, and {allowed[strictest]:.3g} is the most with which every "
+        f"mean is within {limits.mean:g} standard deviations and every standard deviation within {limits.sd:.0%}"
+    )
+    told += f" (that of {names[strictest]})" if allowed[strictest] < limits.mean else ""
+    return (told,)
+
+
+def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -> tuple[str, ...]:
+    """What stored true runs say of probability that the draws do not visit."""
+    reasons = []
+    if above > limits.above:
         reasons.append(
-            f"re-weighting moves the mean of {names[worst]} by {shift[worst]:+.2f} ± {error[worst]:.2f} standard deviations, more "
-            f"than {limits.shift:g}"
+            f"a stored true run has {above:.1f} nats more density than any draw: the draws have missed where most of it is"
         )
-    missed = excess > limits.excess
-    if missed:
+    if excess > limits.excess:
         reasons.append(
             f"a stored true run within {limits.reach:g} nats of the best has {excess:.1f} nats more density than the surrogate "
             "gives it: the surrogate's posterior misses a part of the true one"
@@ -296,34 +393,29 @@ def certify(
         reasons.append(
             f"{hidden} stored true runs further away have far more density than the surrogate gives them: it may hide a mode there"
         )
-    verdict: CertificateVerdict = "certified"
-    if reasons:
-        usable = not missed and not hidden and not failed and k_hat < largest and size >= limits.usable_size
-        verdict = "usable with re-weighting" if usable else "not to be trusted"
-    return Certificate(
-        verdict, tuple(reasons), draws, weights, k_hat, size, spread, shift, error, excess, within, failed, true_runs,
-        limits, names,
-    )  # fmt: skip
+    return tuple(reasons)
 
 
-def _shift(draws: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Σ (w − 1/n) θ of every parameter, and its Monte-Carlo error, in standard deviations of the draws."""
-    sd = draws.std(axis=0)
-    standard = (draws - draws.mean(axis=0)) / np.where(sd > 0, sd, 1.0)
-    shift = weights @ standard
-    # Of a self-normalised estimate, with what the unweighted mean shares taken out.
-    contributions = (weights - 1.0 / len(weights))[:, None] * standard - weights[:, None] * shift
+def _number(value: float) -> str:
+    return f"{value:.2g}" if np.isfinite(value) else "infinite"
+
+
+def _kurtosis(draws: np.ndarray) -> np.ndarray:
+    """E (x − μ)⁴ / σ⁴ of every marginal."""
+    away = draws - draws.mean(axis=0)
+    variance = np.mean(away**2, axis=0)
+    return np.asarray(np.mean(away**4, axis=0) / np.where(variance > 0.0, variance, 1.0) ** 2)
+
+
+def _shift(fresh: FreshDraws) -> tuple[np.ndarray, np.ndarray]:
+    """E_q (w − 1) θ of every parameter, and its Monte-Carlo error, in standard deviations of q."""
+    sd = fresh.population.std(axis=0)
+    standard = (fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0)
+    plain = fresh.shares / fresh.shares.sum()
+    shift = (fresh.weights - plain) @ standard
+    # Of a self-normalised estimate.
+    contributions = (fresh.weights - plain)[:, None] * standard - fresh.weights[:, None] * shift
     return shift, np.sqrt(np.sum(contributions**2, axis=0))
-
-
-def _understated(stored: StoredRuns, ratios: np.ndarray, limits: Limits) -> int:
-    """Number of stored runs beyond reach that the surrogate understates by more than a share of their depth below the best."""
-    ran = np.isfinite(stored.log_true)
-    if not ran.any():
-        return 0
-    depth = stored.log_true[ran].max() - stored.log_true[ran]
-    gap = stored.log_true[ran] - stored.log_surrogate[ran] - _middle(ratios)
-    return int(np.count_nonzero((depth > limits.reach) & (gap > np.maximum(limits.excess, limits.understated * depth))))
 
 
 def _middle(ratios: np.ndarray) -> float:
@@ -332,11 +424,27 @@ def _middle(ratios: np.ndarray) -> float:
     return float(np.median(finite)) if len(finite) else 0.0
 
 
-def _excess(stored: StoredRuns, ratios: np.ndarray, reach: float) -> tuple[float, int]:
+def _above(stored: StoredRuns, highest: float) -> float:
+    """By how much the best stored run exceeds the best draw."""
+    ran = np.isfinite(stored.log_true)
+    return float(stored.log_true[ran].max() - highest) if ran.any() else float("-inf")
+
+
+def _understated(stored: StoredRuns, middle: float, limits: Limits) -> int:
+    """Number of stored runs beyond reach that are understated by more than a share of their depth below the best."""
+    ran = np.isfinite(stored.log_true)
+    if not ran.any():
+        return 0
+    depth = stored.log_true[ran].max() - stored.log_true[ran]
+    gap = stored.log_true[ran] - stored.log_drawn[ran] - middle
+    return int(np.count_nonzero((depth > limits.reach) & (gap > np.maximum(limits.excess, limits.understated * depth))))
+
+
+def _excess(stored: StoredRuns, middle: float, reach: float) -> tuple[float, int]:
     """Largest log ratio of the stored runs that matter, above the median of the draws, and how many matter."""
     ran = np.isfinite(stored.log_true)
     if not ran.any():
         return float("-inf"), 0
     near = ran & (stored.log_true >= stored.log_true[ran].max() - reach)
-    gap = stored.log_true[near] - stored.log_surrogate[near]
-    return float(gap.max() - _middle(ratios)), int(near.sum())
+    gap = stored.log_true[near] - stored.log_drawn[near]
+    return float(gap.max() - middle), int(near.sum())

@@ -20,44 +20,60 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         "round",
         "training runs",
         "surrogate's error, all runs",
-        "effective",
+        "sure up to",
+        "log density unsure by [nat]",
+        "fresh draws",
         "spread of log w",
         "by a certificate",
     ]
-    shifts = [
-        [pretty(name), f"{shift:+.3f} ± {error:.3f}"]
-        for name, shift, error in zip(certificate.names, certificate.shift, certificate.shift_error, strict=True)
-    ]
     return [
         Table("What was asked for", (["", "found", "limit"], _asked(certificate))),
-        Table("How far the model's runs move each mean, in standard deviations", (["", "shift"], shifts)),
+        Table(
+            f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far the "
+            "draws of the certificate say they are",
+            (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
+        ),
         Table("Rounds", (heads, [_round(r) for r in material.calibration.rounds])),
     ]
 
 
 def _asked(certificate: Certificate) -> list[list[str]]:
     """Figures of a certificate beside their limits."""
-    limits, count = certificate.limits, len(certificate.draws)
+    limits, variation = certificate.limits, certificate.variation
     return [
-        ["tail index k̂ of the weights", f"{certificate.k_hat:.2f}", f"below {limits.largest_k_hat(count):.2f}"],
         [
-            "effective draws",
-            f"{certificate.effective_sample_size:.0f} of {count}",
-            f"{limits.effective_share * count:.0f} or more",
+            f"variation χ of the weights, bounded with {variation.confidence:.3%} confidence (look {certificate.look})",
+            f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
+            f"{certificate.allowed.min():.2g} or less",
         ],
-        ["spread of log weights", f"{certificate.spread:.3f}", f"{limits.spread:g} or less"],
         [
             f"density missed at {certificate.within_reach} true runs within {limits.reach:g} nats of the best",
             f"{max(certificate.excess, 0.0):.2f} nats",
             f"{limits.excess:g} nats or less",
         ],
+        [
+            "density of the best true run above every draw",
+            f"{max(certificate.above, 0.0):.2f} nats",
+            f"{limits.above:g} nats or less",
+        ],
+    ]
+
+
+def _bounds(certificate: Certificate) -> list[list[str]]:
+    """Bounds of every parameter's moments."""
+    rows = zip(certificate.names, certificate.sd_bound, certificate.shift, certificate.shift_error, strict=True)
+    return [
+        [pretty(name), f"{certificate.variation.bound:.2g}", f"{sd:.2g}", f"{shift:+.3f} ± {error:.3f}"]
+        for name, sd, shift, error in rows
     ]
 
 
 def _round(r: Round) -> list[str]:
     verdict = "" if r.certificate is None else r.certificate.agreement
-    effective = f"{r.effective_sample_size:.0f} of {r.fresh}"
-    return [str(r.number + 1), str(r.training), f"{r.error:.1e}", effective, f"{r.spread:.2g}", verdict]
+    return [
+        str(r.number + 1), str(r.training), f"{r.error:.1e}", f"{r.exponent:.2g}", f"{r.deviation:.2g}", str(r.fresh),
+        f"{r.spread:.2g}" if r.fresh else "", verdict,
+    ]  # fmt: skip
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
@@ -69,14 +85,15 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
         figures.rounds(
             [r.training for r in calibration.rounds],
             [r.log_weights for r in calibration.rounds],
-            calibration.certificate.limits.spread,
+            float(calibration.certificate.allowed.min()),
             save=folder / "rounds",
         )
         return Picture(
             "rounds",
             "Every point is a draw of a surrogate's posterior at which the model itself was run: how much more density the "
             "model gives it than the surrogate, relative to the median of its round. Where the two posteriors are the same, "
-            "all lie on zero; the band is one standard deviation of what a certificate allows.",
+            "all lie on zero; the band is the largest standard deviation that a certificate allows. Rounds without points came before the "
+            "surrogate was sure of its posterior.",
         )
 
     return [rounds]

@@ -177,23 +177,24 @@ class ResponseSpaceSurrogate(Surrogate):
         return (self.scores_with_deviation(fit, theta)[1] ** 2 @ squares + rest).T
 
     def scores_with_deviation(self, fit: RecordFit, theta: Any) -> tuple[Any, Any]:
-        """Scores and their standard deviations, inside JAX.
+        """Scores and their standard deviations.
 
         Parameters
         ----------
         fit : RecordFit
             On which record.
-        theta : jax.Array, shape (run, parameter)
+        theta : ndarray or jax.Array, shape (run, parameter)
             Parameters in the order of `free`.
 
         Returns
         -------
-        tuple of jax.Array, shape (run, component)
-            Means and standard deviations.
+        tuple of array, shape (run, component)
+            Means and standard deviations, of the same kind as `theta`.
         """
         scores, deviation = fit.scores.predict_with_deviation(self.held_inside(theta))
         if deviation is None:
-            deviation = jnp.broadcast_to(jnp.asarray(fit.score_deviation), scores.shape)
+            numpy = namespace(scores)
+            deviation = numpy.broadcast_to(numpy.asarray(fit.score_deviation), scores.shape)
         return scores, deviation
 
     def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
@@ -220,6 +221,30 @@ class ResponseSpaceSurrogate(Surrogate):
             deviation = np.tile(fit.score_deviation, (len(theta), 1))
         variance = deviation**2 @ fit.modes**2 + fit.truncation**2
         return np.asarray(np.sqrt(variance).reshape(values.shape) * fit.scale)
+
+    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+        """Draw responses from the errors of the scores, which are independent; see `Surrogate.sampled`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI, a draw for each.
+        excitation : Excitation
+            One of the fitted records.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+        self.check_excitation(excitation)
+        fit = self.records[excitation.content_hash]
+        scores, deviation = self.scores_with_deviation(fit, np.asarray(theta, dtype=np.float64))
+        scores = scores + deviation * rng.standard_normal(scores.shape)
+        values = (fit.mean + scores @ fit.modes).reshape(len(theta), fit.samples, len(fit.scale))
+        return np.asarray(values * fit.scale)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of, for a file.

@@ -1,0 +1,221 @@
+"""A surrogate's posterior, explored from the prior by degrees, and how far down the way the surrogate is sure of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.bridge import bennett_ratio
+from structid.inference.sampling.sampler import Block
+from structid.surrogates.face import Surrogate
+
+SAMPLED_RESPONSES = 8
+"""Responses that the surrogate's own error is drawn for at each point, to see how much the log density varies."""
+
+PARTICLES_ASKED = 64
+"""Particles of a stage at which that is done."""
+
+LARGEST_VARIANCE = 1.0
+"""Of a tempered log density, by the surrogate's own error: beyond it, draws of it are draws of the error."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exploration:
+    """Stages of a tempered sampler on a surrogate's posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Under the surrogate.
+    surrogate : Surrogate
+        Its model.
+    blocks : sequence of dict
+        All blocks of the sampler: stages with rising exponent of the likelihood, then moves of the posterior.
+    """
+
+    posterior: Posterior
+    surrogate: Surrogate
+    blocks: Sequence[Block]
+
+    @cached_property
+    def exponents(self) -> np.ndarray:
+        """Of the likelihood in every block, shape (block,)."""
+        return np.array([block["exponent"][-1] for block in self.blocks])
+
+    def nearest(self, exponent: float) -> int:
+        """The block whose exponent is nearest to another, by their logarithms.
+
+        Parameters
+        ----------
+        exponent : float
+            Which exponent.
+
+        Returns
+        -------
+        int
+            Its place.
+        """
+        known = np.log(np.maximum(self.exponents, 1e-300))
+        return int(np.argmin(np.abs(known - np.log(exponent))))
+
+    def particles(self, block: int = -1) -> np.ndarray:
+        """Where the particles are at the end of a block, in unconstrained coordinates.
+
+        Parameters
+        ----------
+        block : int
+            Its place.
+
+        Returns
+        -------
+        ndarray, shape (particle, parameter)
+            Of all populations.
+        """
+        return np.asarray(self.blocks[block]["phi"][-1].reshape(-1, self.posterior.dimension))
+
+    def draws(self, block: int = -1) -> np.ndarray:
+        """Where they are in SI.
+
+        Parameters
+        ----------
+        block : int
+            Its place.
+
+        Returns
+        -------
+        ndarray, shape (particle, parameter)
+            Of all populations.
+        """
+        return self.posterior.bijection(self.particles(block))[0]
+
+    def distinct(self, block: int, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Choose some particles of a block by chance, none twice.
+
+        Parameters
+        ----------
+        block : int
+            Its place.
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        phi = self.particles(block)
+        phi = phi[rng.permutation(len(phi))]
+        # Particles that were drawn twice and have not moved since are one: a point is run once.
+        first = np.sort(np.unique(phi, axis=0, return_index=True)[1])
+        return np.asarray(phi[first[:count]])
+
+    def log_density(self, phi: np.ndarray) -> np.ndarray:
+        """Log density of the surrogate's posterior with respect to the parameters.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            −inf outside the support.
+        """
+        density, _ = self.posterior.evaluate(phi)
+        return np.asarray(density - self.posterior.bijection(phi)[1])
+
+    @cached_property
+    def highest(self) -> float:
+        """Largest log density, with respect to the parameters, at a particle of the posterior."""
+        last = self.blocks[-1]["log_density"][-1].ravel()
+        return float(np.max(last - self.posterior.bijection(self.particles())[1]))
+
+    def share_of_tempered(self, phi: np.ndarray, block: int) -> np.ndarray:
+        """Density of a tempered posterior over that of the posterior, both normalised.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates.
+        block : int
+            Place of the tempered one.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            L^(β − 1) Z/Z_β, with Z/Z_β from the particles of both.
+        """
+        untempered = 1.0 - self.exponents[block]
+        of_block, of_last = (self.blocks[b]["likelihood"][-1].ravel() for b in (block, -1))
+        ratio, _ = bennett_ratio(untempered * of_block, untempered * of_last)
+        likelihood = self.posterior.evaluate_parts(phi)[1]
+        return np.asarray(np.exp(ratio - untempered * likelihood))
+
+    @cached_property
+    def outside(self) -> float:
+        """Share of the particles of the posterior beyond the range of the surrogate's runs."""
+        theta = np.asarray(self.posterior.model_parameters(self.draws()))
+        return float(np.mean(self.surrogate.outside(theta)))
+
+    # --- how sure the surrogate is --------------------------------------------------------------------------------
+
+    @cached_property
+    def trusted(self) -> int:
+        """The last block whose tempered log density varies by less than `LARGEST_VARIANCE` with the surrogate's own error."""
+        last = len(self.blocks) - 1
+        stages = [int(np.flatnonzero(self.exponents == e)[-1]) for e in np.unique(self.exponents)]
+        for block in reversed(stages):
+            if self.exponents[block] ** 2 * self.variance(block) <= LARGEST_VARIANCE:
+                return last if self.exponents[block] == 1.0 else block
+        return 0
+
+    @property
+    def sure(self) -> bool:
+        """Whether that is the posterior itself."""
+        return bool(self.exponents[self.trusted] == 1.0)
+
+    def variance(self, block: int = -1) -> float:
+        """Mean variance of the log density over the surrogate's own error, at particles of a block.
+
+        Parameters
+        ----------
+        block : int
+            Its place.
+
+        Returns
+        -------
+        float
+            In nats squared.
+        """
+        phi = self.particles(block)
+        some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
+        return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
+
+    def variance_at(self, theta: np.ndarray) -> np.ndarray:
+        """Variance of the log density at some points, over responses drawn from the surrogate's own error.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            In nats squared; infinite where a response has no density.
+        """
+        rng = np.random.default_rng(0)  # the same at every call, so that points can be compared
+        parameters = np.repeat(np.asarray(self.posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
+        rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
+        responses = [self.surrogate.sampled(parameters, o.record, rng) for o in self.posterior.observations]
+        density = self.posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
+        known = np.isfinite(density).all(axis=1)
+        variance = np.var(np.where(known[:, None], density, 0.0), axis=1, ddof=1)
+        return np.where(known, variance, np.inf)
