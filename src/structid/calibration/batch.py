@@ -9,9 +9,11 @@ import numpy as np
 from structid.calibration.exploration import Exploration
 from structid.inference.likelihood.posterior import Posterior
 
-import os
-PLAIN_SHARE = float(os.environ.get('PS','0.5'))
+PLAIN_SHARE = 0.5
 """Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
+
+AHEAD = 10.0
+"""Times the exponent up to which the surrogate is sure, from where half of a batch on the way comes."""
 
 CANDIDATES = 200
 """Draws among which the surrogate's own uncertainty is compared."""
@@ -128,8 +130,8 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     Batch
         Where the surrogate is sure of its posterior, half are plain draws and half draws of a wider law: first those that bring
         the posterior inside the range of the runs, then those where the surrogate's own uncertainty of the log density times the
-        distance to known points is largest. Where it is not, half come from the last tempered posterior of which it is sure and
-        half from the first one of which it is not, far from known points.
+        distance to known points is largest. Where it is not, half come from the last tempered posterior of which it is sure, and
+        half from one of an exponent ten times as large, far from known points.
     """
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
@@ -139,10 +141,6 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     theta, _ = posterior.bijection(plain)
     taken = np.concatenate([known, theta[:, :dimension]])
     candidates = widened_draws(explored, CANDIDATES, rng)
-    import os
-    mode=os.environ.get('CAND','wide')
-    if mode=='plain': candidates = posterior.bijection(explored.distinct(-1, CANDIDATES, rng))[0]
-    if mode=='half': candidates = posterior.bijection(explored.distinct(explored.nearest(0.5), CANDIDATES, rng))[0]
     left = count - len(plain)
     edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], taken)[:left]
     taken = np.concatenate([taken, candidates[edges, :dimension]])
@@ -157,12 +155,10 @@ def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.ra
     """Points of the tempered posteriors beside which the surrogate begins to be unsure."""
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
-    import os
-    bold=float(os.environ.get('BOLD','1'))
-    second=max(explored.trusted+1, explored.nearest(min(1.0,bold*max(explored.exponents[explored.trusted],1e-12)))) if explored.trusted else 1
+    further = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
     theta = explored.draws(explored.trusted)[:, :dimension]
     found = [theta[beyond_the_runs(theta, theta, known)][: count // 2]]
-    for block, share in ((explored.trusted, count // 2 - len(found[0])), (second, count - count // 2)):
+    for block, share in ((explored.trusted, count // 2 - len(found[0])), (further, count - count // 2)):
         phi = explored.distinct(block, CANDIDATES, rng)
         theta = posterior.bijection(phi)[0][:, :dimension]
         taken = np.concatenate([known, *found])

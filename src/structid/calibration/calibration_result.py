@@ -15,8 +15,8 @@ from structid.inference.sampling_result import SamplingResult
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
-PROMISING = 0.08
-"""Spread of the log weights of a round's own draws below which it promises a certificate."""
+PROMISING = 0.05
+"""Spread of the log weights of a round's own draws, and the surrogate's own of the log density, that promise a certificate."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,8 @@ class Round:
     @property
     def promising(self) -> bool:
         """Whether a certificate is worth its true runs: the round's own plain draws say so."""
-        return self.failed == 0 and self.fresh > 0 and self.spread <= PROMISING
+        judged_before_they_train = self.certificate is None and self.fresh > 0 and self.failed == 0
+        return judged_before_they_train and self.spread <= PROMISING and self.deviation <= PROMISING
 
     def __str__(self) -> str:
         told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "

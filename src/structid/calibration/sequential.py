@@ -183,7 +183,7 @@ class _Loop:
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
         self.space, self.law_is_open = posterior.model_space, law_is_open
         self.records = tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
-        self.points = self.space.sample(plan.first(self.space.dimension), seed, "sobol", plan.widen).values
+        self.points = self.space.sample(plan.start, seed, "sobol", plan.widen).values
         settings.check(self._design(), self.records, posterior.model.channels)
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.rounds: list[Round] = []
