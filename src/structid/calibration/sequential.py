@@ -14,6 +14,7 @@ import numpy as np
 from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.exploration import Exploration
+from structid.calibration.forms import error_near_the_posterior
 from structid.calibration.nearness import nearness
 from structid.calibration.plan import Plan
 from structid.campaign.executors import kept_open, run_map
@@ -283,8 +284,15 @@ class _Loop:
         if self.settings.weighted and self.last is not None:
             near = nearness(self._best_densities(self.last, runs)[0])
             further["weights"] = np.repeat(near, len(self.records))
-        fit: Callable[..., Surrogate] = self.settings.fit
-        return fit(runs, told, **further)
+        forms = getattr(self.settings, "forms", (self.settings,))
+        if len(forms) == 1 or self.last is None:
+            fit: Callable[..., Surrogate] = self.settings.fit
+            return fit(runs, told, **further)
+        density, theta = self._best_densities(self.last, runs)
+        fitted = np.isfinite(density)
+        found = [form.fit(runs, told, **further) for form in forms]
+        errors = [error_near_the_posterior(s, self.posterior, theta[fitted], density[fitted]) for s in found]
+        return found[int(np.argmin(errors))]
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""

@@ -38,6 +38,11 @@ class InCoordinates:
         """See `Regression.leave_one_out_error`."""
         return np.asarray(self.inner.leave_one_out_error)
 
+    @property
+    def leave_one_out_residuals(self) -> np.ndarray:
+        """Of the inner regression, shape (run, output)."""
+        return np.asarray(self.inner.leave_one_out_residuals)
+
     def predict(self, theta: Any) -> Any:
         """Predict the outputs; see `Regression.predict`.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -51,6 +51,17 @@ class PODKriging:
 
     def __post_init__(self) -> None:
         check_energy(self.left_out_energy)
+
+    @property
+    def forms(self) -> tuple[PODKriging, ...]:
+        """Forms of the Kriging to choose among where the posterior is; only itself where one was asked for."""
+        if self.kriging != Kriging():
+            return (self,)
+        kinds = (
+            Kriging(separable=False), Kriging(separable=True), Kriging(separable=False, trend="linear"),
+            Kriging(correlation="gaussian"),
+        )  # fmt: skip
+        return tuple(replace(self, kriging=kind) for kind in kinds)
 
     @property
     def in_words(self) -> dict[str, Any]:

@@ -246,6 +246,26 @@ class ResponseSpaceSurrogate(Surrogate):
         values = (fit.mean + scores @ fit.modes).reshape(len(theta), fit.samples, len(fit.scale))
         return np.asarray(values * fit.scale)
 
+    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+        """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The runs that it was fitted to, in their order.
+        excitation : Excitation
+            One of the fitted records.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI, by the components that all runs have given.
+        """
+        fit = self.records[excitation.content_hash]
+        scores = fit.scores.predict(np.asarray(theta, dtype=np.float64)) - fit.scores.leave_one_out_residuals
+        values = (fit.mean + scores @ fit.modes).reshape(len(theta), fit.samples, len(fit.scale))
+        return np.asarray(values * fit.scale)
+
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of, for a file.
 

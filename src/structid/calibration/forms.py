@@ -1,0 +1,63 @@
+"""Which form of a surrogate is best where the posterior is: by what it says of each run when that run is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.likelihood.posterior import Posterior
+from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+
+EFFECTIVE_SHARE = 0.3
+"""Share of the runs that count in effect."""
+
+
+def error_near_the_posterior(
+    surrogate: ResponseSpaceSurrogate, posterior: Posterior, theta: np.ndarray, log_true: np.ndarray
+) -> float:
+    """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.
+
+    A surrogate that errs least over the whole prior is not the one that errs least where the posterior is.
+
+    Parameters
+    ----------
+    surrogate : ResponseSpaceSurrogate
+        Fitted to these runs; it must know its leave-one-out residuals.
+    posterior : Posterior
+        With the measurements.
+    theta : ndarray, shape (run, parameter)
+        The runs, with parameters of the discrepancy, in SI.
+    log_true : ndarray, shape (run,)
+        Their log densities by their true responses.
+
+    Returns
+    -------
+    float
+        Root mean square of τ Δ log π with weights π^τ; τ is such that `EFFECTIVE_SHARE` of the runs count.
+    """
+    parameters = np.asarray(posterior.model_parameters(theta))
+    responses: Sequence[np.ndarray] = [surrogate.left_out(parameters, o.record) for o in posterior.observations]
+    error = log_true - posterior.given(responses).log_density(theta)
+    exponent, weights = _tempered(log_true)
+    known = np.isfinite(error) & (weights > 0.0)
+    return float(exponent * np.sqrt(np.average(error[known] ** 2, weights=weights[known]))) if known.any() else np.inf
+
+
+def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
+    """The exponent τ ≤ 1 with which a share of the runs count, and weights π^τ."""
+    below = log_density - log_density[np.isfinite(log_density)].max()
+    below = np.where(np.isfinite(below), below, -np.inf)
+
+    def weights(log_exponent: float) -> np.ndarray:
+        return np.asarray(np.exp(np.exp(log_exponent) * below))
+
+    def excess(log_exponent: float) -> float:
+        return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)
+
+    if excess(0.0) >= 0.0:
+        return 1.0, weights(0.0)
+    found = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
+    return float(np.exp(found)), weights(found)
