@@ -1,4 +1,4 @@
-"""Which true runs to do next: where the surrogate is sure enough to say, draws of its posterior; on the way there, tempered ones."""
+"""Which true runs to do next: where the surrogate is sure of its posterior, draws of it; on the way there, tempered ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CANDIDATES = 200
 """Draws among which the surrogate's own uncertainty is compared."""
 
 TEMPERED_SHARE = 1.0 / 3.0
-"""Share of a certificate's draws that are tempered: where the surrogate's posterior is too narrow, plain draws see it too rarely."""
+"""Share of a certificate's draws that are tempered: where the surrogate's posterior is too narrow, plain draws rarely come."""
 
 TEMPERATURE = 0.5
 """Exponent of the likelihood for those: √2 times as wide as the posterior."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from structid.inference.assessment.certificate import Certificate, Limits
+from structid.inference.assessment.certificate import Certificate
 from structid.inference.assessment.summary import Summary
 from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior

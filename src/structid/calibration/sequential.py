@@ -22,7 +22,8 @@ from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
 from structid.errors import InputError, Status, names_checked
 from structid.hashing import digest
-from structid.inference.assessment.certificate import Certificate, FreshDraws, StoredRuns, judged
+from structid.inference.assessment.certificate import Certificate, judged
+from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
@@ -218,7 +219,7 @@ class _Loop:
                 entry = self._next(number, surrogate)
                 if self.journal is not None:
                     self.journal.append(entry)
-            batch, final = _batch_of(entry), bool(entry["final"])
+            batch = _batch_of(entry)
             under = self.posterior.on(surrogate)
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
             self.last = batch
@@ -286,13 +287,14 @@ class _Loop:
             further["weights"] = np.repeat(near, len(self.records))
         forms = getattr(self.settings, "forms", (self.settings,))
         if len(forms) == 1 or self.last is None:
-            fit: Callable[..., Surrogate] = self.settings.fit
+            fit: Callable[..., Surrogate] = forms[0].fit
             return fit(runs, told, **further)
         density, theta = self._best_densities(self.last, runs)
         fitted = np.isfinite(density)
-        found = [form.fit(runs, told, **further) for form in forms]
+        found: list[Any] = [form.fit(runs, told, **further) for form in forms]
         errors = [error_near_the_posterior(s, self.posterior, theta[fitted], density[fitted]) for s in found]
-        return found[int(np.argmin(errors))]
+        best: Surrogate = found[int(np.argmin(errors))]
+        return best
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
@@ -431,5 +433,5 @@ def _entry(batch: Batch, final: bool, chosen: bool, sure: tuple[float, float]) -
 
 
 def _batch_of(entry: Entry) -> Batch:
-    of_batch = {field.name: entry[field.name] for field in fields(Batch)}
+    of_batch: dict[str, Any] = {field.name: entry[field.name] for field in fields(Batch)}
     return Batch(**of_batch | {"highest": float(entry["highest"])})

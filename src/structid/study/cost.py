@@ -17,7 +17,7 @@ from structid.streams import Purpose, stream
 from structid.study.building.built_study import BuiltStudy
 from structid.study.stages.law_of_errors import sampler_under
 
-USUAL_ROUNDS = 4
+USUAL_ROUNDS = 6
 """Rounds that a calibration of the benchmark study takes."""
 SLOW = 20.0
 """Seconds of a batch, beyond which it is timed once."""

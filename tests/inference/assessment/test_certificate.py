@@ -5,7 +5,8 @@ import pytest
 import scipy.stats
 
 from structid.errors import InputError
-from structid.inference.assessment.certificate import FreshDraws, Limits, StoredRuns, judged
+from structid.inference.assessment.certificate import Limits, judged
+from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 
 pytestmark = pytest.mark.quick
 

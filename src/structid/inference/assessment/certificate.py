@@ -8,13 +8,14 @@ searched for.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
 
 from structid.errors import InputError
 from structid.inference.assessment.diagnostics import weighted_size
+from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.weight_variation import WeightVariation, largest_variation, weight_variation
 from structid.notebook import ShownAsText
 
@@ -78,77 +79,6 @@ class Limits:
             1 − α/2^look, so that the α of all looks sum up to less than one minus the confidence.
         """
         return 1.0 - (1.0 - self.confidence) / 2.0**look
-
-
-@dataclass(frozen=True, eq=False)
-class FreshDraws:
-    """Draws of q, or of something wider, at which the true model was run, and what is known of q besides.
-
-    Parameters
-    ----------
-    theta : ndarray, shape (draw, parameter)
-        In SI; no surrogate was fitted to them.
-    log_true : ndarray, shape (draw,)
-        Log density of π there up to a constant, −inf where the true run failed.
-    log_drawn : ndarray, shape (draw,)
-        Log density of q, likewise.
-    shares : ndarray, shape (draw,)
-        What each counts in an average over q: one for plain draws, see `weight_variation`.
-    population : ndarray, shape (point, parameter)
-        Many draws of q.
-    highest : float
-        Largest log density of q among them.
-    impossible : ndarray of bool, shape (draw,), optional
-        Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
-    """
-
-    theta: np.ndarray
-    log_true: np.ndarray
-    log_drawn: np.ndarray
-    shares: np.ndarray
-    population: np.ndarray
-    highest: float
-    impossible: np.ndarray | None = None
-
-    @property
-    def log_ratios(self) -> np.ndarray:
-        """log π/q, −inf where a true run failed."""
-        return np.where(np.isfinite(self.log_true), self.log_true - self.log_drawn, -np.inf)
-
-    @property
-    def spread(self) -> float:
-        """Standard deviation of log π/q over plain draws; infinite where a true run failed, or without draws."""
-        ratios = self.log_ratios[np.isfinite(self.log_true)]
-        return float(np.std(ratios)) if len(ratios) and self.failed == 0 else float("inf")
-
-    @property
-    def failed(self) -> int:
-        """Draws whose true run failed."""
-        stopped = ~np.isfinite(self.log_true)
-        return int((stopped if self.impossible is None else stopped & ~self.impossible).sum())
-
-    @property
-    def weights(self) -> np.ndarray:
-        """Weights of the draws in averages over π, which sum to one."""
-        ratios = self.log_ratios
-        if not np.isfinite(ratios).any():
-            return np.full(len(ratios), 1.0 / len(ratios))
-        weights = self.shares * np.exp(ratios - ratios.max())
-        return np.asarray(weights / weights.sum())
-
-
-@dataclass(frozen=True, eq=False)
-class StoredRuns:
-    """Log densities at true runs of all rounds.
-
-    Parameters
-    ----------
-    log_true, log_drawn : ndarray, shape (run,)
-        Log densities of π and of q there, at the same discrepancy.
-    """
-
-    log_true: np.ndarray = field(default_factory=lambda: np.empty(0))
-    log_drawn: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +280,10 @@ def judged(
     missing = _what_is_missing(above, excess, hidden, limits)
     failed = fresh.failed
     if failed:
-        missing = (f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen", *missing)
+        missing = (
+            f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen",
+            *missing,
+        )
     reasons = (*missing, *_what_varies(variation, allowed, names, limits))
     verdict: CertificateVerdict = "certified"
     if reasons:
@@ -370,8 +303,8 @@ def _what_varies(
     if variation.bound <= allowed[strictest]:
         return ()
     told = (
-        f"the weights of the draws may vary by {_number(variation.bound)}, and {allowed[strictest]:.3g} is the most with which every "
-        f"mean is within {limits.mean:g} standard deviations and every standard deviation within {limits.sd:.0%}"
+        f"the weights of the draws may vary by {_number(variation.bound)}, and {allowed[strictest]:.3g} is the most with which "
+        f"every mean is within {limits.mean:g} standard deviations and every standard deviation within {limits.sd:.0%}"
     )
     told += f" (that of {names[strictest]})" if allowed[strictest] < limits.mean else ""
     return (told,)

@@ -5,8 +5,8 @@ the parameters E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the i
 
     |E_π f − E_q f| ≤ χ sd_q(f).
 
-One number bounds the shift of every mean (f = x), of every probability (f = 1 in the event: χ √(p (1 − p))) and, by f = (x − μ)², of
-every standard deviation. χ² is the chi-squared divergence of π from q (Liese & Vajda 2006, IEEE Trans. Inf. Theory 52(10)).
+One number bounds the shift of every mean (f = x), of every probability (f = 1 in the event: χ √(p (1 − p))) and, by f = (x − μ)²,
+of every standard deviation. χ² is the chi-squared divergence of π from q (Liese & Vajda 2006, IEEE Trans. Inf. Theory 52(10)).
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def largest_variation(mean: float, sd: float, kurtosis: np.ndarray) -> np.ndarra
     """
     slope = np.sqrt(np.maximum(kurtosis, 1.0) - 1.0)
     variance = 1.0 - (1.0 - sd) ** 2
-    return np.minimum(mean, 0.5 * (np.sqrt(slope**2 + 4.0 * variance) - slope))
+    return np.asarray(np.minimum(mean, 0.5 * (np.sqrt(slope**2 + 4.0 * variance) - slope)))
 
 
 def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: float) -> WeightVariation:

@@ -29,8 +29,8 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     return [
         Table("What was asked for", (["", "found", "limit"], _asked(certificate))),
         Table(
-            f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far the "
-            "draws of the certificate say they are",
+            f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far "
+            "the draws of the certificate say they are",
             (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
         ),
         Table("Rounds", (heads, [_round(r) for r in material.calibration.rounds])),
@@ -92,8 +92,8 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
             "rounds",
             "Every point is a draw of a surrogate's posterior at which the model itself was run: how much more density the "
             "model gives it than the surrogate, relative to the median of its round. Where the two posteriors are the same, "
-            "all lie on zero; the band is the largest standard deviation that a certificate allows. Rounds without points came before the "
-            "surrogate was sure of its posterior.",
+            "all lie on zero; the band is the largest standard deviation that a certificate allows. Rounds without points came "
+            "before the surrogate was sure of its posterior.",
         )
 
     return [rounds]

@@ -38,7 +38,7 @@ class PODSettings(Protocol):
     """Settings of every kind of response-space surrogate."""
 
     @property
-    def left_out_energy(self) -> float:
+    def energy(self) -> float:
         """Share of the variance that the components may leave out."""
 
     @property
@@ -106,7 +106,7 @@ def fit_records(
     stages = Stages(progress, dict.fromkeys(used, 1.0))
     for content_hash, some in used.items():
         check_enough(f"{kind}.fit", len(some), f"{len(some)} runs on '{some.records[0].name}'")
-        fits[content_hash] = _fit_record(some, regression, settings.left_out_energy, stages.of(content_hash))
+        fits[content_hash] = _fit_record(some, regression, settings.energy, stages.of(content_hash))
         stages.done(content_hash)
     fit = Fit(
         kind, settings.in_words, done.design.space, done.channels, excitation, dt,

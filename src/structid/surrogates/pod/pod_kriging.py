@@ -23,6 +23,9 @@ from structid.surrogates.pod.pod_fit import check_runs, fit_records
 from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
+LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
+"""Shares of the variance that components leave out."""
+
 
 @names_checked
 @dataclass(frozen=True)
@@ -33,8 +36,9 @@ class PODKriging:
     ----------
     kriging : Kriging
         How the scores are interpolated. By default they share one correlation, weighted by their energy.
-    left_out_energy : float
-        Components are kept until they leave out this share of the variance.
+    left_out_energy : float, optional
+        Components are kept until they leave out this share of the variance; 1e-8 when left out, and 1e-13 in a calibration, where
+        what they leave out would scatter the log density of precise measurements.
     limit : float
         Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}
@@ -42,7 +46,7 @@ class PODKriging:
     """
 
     kriging: Kriging = field(default_factory=Kriging)
-    left_out_energy: float = 1e-8
+    left_out_energy: float | None = None
     limit: float = 1e-2
     outside: OutsideRule = "warn"
 
@@ -50,7 +54,12 @@ class PODKriging:
     weighted: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        check_energy(self.left_out_energy)
+        check_energy(self.energy)
+
+    @property
+    def energy(self) -> float:
+        """Share of the variance that components leave out."""
+        return LEFT_OUT if self.left_out_energy is None else self.left_out_energy
 
     @property
     def forms(self) -> tuple[PODKriging, ...]:
@@ -61,7 +70,8 @@ class PODKriging:
             Kriging(separable=False), Kriging(separable=True), Kriging(separable=False, trend="linear"),
             Kriging(correlation="gaussian"),
         )  # fmt: skip
-        return tuple(replace(self, kriging=kind) for kind in kinds)
+        energy = LEFT_OUT_IN_A_CALIBRATION if self.left_out_energy is None else self.left_out_energy
+        return tuple(replace(self, kriging=kind, left_out_energy=energy) for kind in kinds)
 
     @property
     def in_words(self) -> dict[str, Any]:

@@ -47,6 +47,11 @@ class PODPCE:
         check_energy(self.left_out_energy)
 
     @property
+    def energy(self) -> float:
+        """Share of the variance that components leave out."""
+        return self.left_out_energy
+
+    @property
     def in_words(self) -> dict[str, Any]:
         """All settings, in a form that JSON can hold."""
         return asdict(self)

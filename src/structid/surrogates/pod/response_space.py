@@ -262,7 +262,8 @@ class ResponseSpaceSurrogate(Surrogate):
             In SI, by the components that all runs have given.
         """
         fit = self.records[excitation.content_hash]
-        scores = fit.scores.predict(np.asarray(theta, dtype=np.float64)) - fit.scores.leave_one_out_residuals
+        kriging: Any = fit.scores
+        scores = kriging.predict(np.asarray(theta, dtype=np.float64)) - kriging.leave_one_out_residuals
         values = (fit.mean + scores @ fit.modes).reshape(len(theta), fit.samples, len(fit.scale))
         return np.asarray(values * fit.scale)
 
