@@ -17,6 +17,8 @@ PLAN = si.Plan(true_runs=200, explorer=EXPLORER)
 SAMPLER = replace(EXPLORER, particles=200, steps=30)
 SMALL_BUDGET = replace(PLAN, true_runs=80)
 """Some rounds: what is to be refused uses all of its budget, and each round is compiled anew."""
+HALF_BUDGET = replace(SMALL_BUDGET, true_runs=110, start=40)
+"""For surrogates that see half of their runs."""
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +175,8 @@ SLOW = pytest.mark.slow
     "how", ["too smooth", pytest.param("biased", marks=SLOW), pytest.param("half the prior", marks=SLOW)]
 )
 def test_bad_surrogates_are_refused(how, space, model, measured):
-    result = si.calibrate(model, space, measured, surrogate=Bad(how), plan=SMALL_BUDGET, sampler=SAMPLER, seed=1)
+    plan = HALF_BUDGET if how == "half the prior" else SMALL_BUDGET
+    result = si.calibrate(model, space, measured, surrogate=Bad(how), plan=plan, sampler=SAMPLER, seed=1)
     assert result.certificate.verdict == "not to be trusted", str(result)
     assert result.certificate.reasons and "NOT TO BE TRUSTED" in str(result) and not result.reweighted
 
@@ -182,7 +185,7 @@ def test_bad_surrogates_are_refused(how, space, model, measured):
 def test_a_surrogate_that_weights_can_mend(space, model, measured, reference):
     """Not certified; what is reported is re-weighted, and then it is the model's own posterior."""
     bad = Bad("a little too smooth")
-    many = replace(PLAN, certificate=150)
+    many = si.Plan(true_runs=400, start=30, batch=20, certificate=150, explorer=EXPLORER)
     result = si.calibrate(model, space, measured, surrogate=bad, plan=many, sampler=SAMPLER, seed=1)
     assert result.certificate.verdict == "usable with re-weighting" and result.reweighted, str(result)
     error = np.sqrt(1.0 / 100.0 + 1.0 / 400)
@@ -212,9 +215,7 @@ def test_a_mode_that_the_surrogate_has_lost(measured):
             return si.PODKriging(outside="allow").fit(runs[runs.design.values[:, 0] > 0.0])
 
     observation = si.Observation(record, y)
-    refused = si.calibrate(
-        model, space, observation, surrogate=Half("half"), plan=SMALL_BUDGET, sampler=SAMPLER, seed=3
-    )
+    refused = si.calibrate(model, space, observation, surrogate=Half("half"), plan=HALF_BUDGET, sampler=SAMPLER, seed=3)
     assert not refused.certificate.usable, str(refused)
     whole = si.calibrate(model, space, observation, plan=PLAN, sampler=SAMPLER, seed=3)
     assert whole.certificate.certified, str(whole)

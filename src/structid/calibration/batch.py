@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +67,33 @@ class Batch:
             In SI.
         """
         return np.concatenate([self.fresh[:, :dimension], self.others])
+
+    def to_entry(self) -> dict[str, np.ndarray]:
+        """Give everything for a journal.
+
+        Returns
+        -------
+        dict of str to ndarray
+            By name.
+        """
+        return {field.name: np.asarray(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def of(cls, entry: dict[str, np.ndarray]) -> Batch:
+        """Make a batch again of a journal's entry, which may say more.
+
+        Parameters
+        ----------
+        entry : dict of str to ndarray
+            As `to_entry` gave it.
+
+        Returns
+        -------
+        Batch
+            The same.
+        """
+        own: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
+        return cls(**own | {"highest": float(entry["highest"])})
 
     def of_the_errors(self, dimension: int, count: int) -> np.ndarray:
         """Some draws of the discrepancy's parameters.

@@ -11,6 +11,7 @@ import numpy as np
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.bridge import bennett_ratio
 from structid.inference.sampling.sampler import Block
+from structid.streams import Purpose, stream
 from structid.surrogates.face import Surrogate
 
 SAMPLED_RESPONSES = 8
@@ -211,7 +212,7 @@ class Exploration:
         ndarray, shape (run,)
             In nats squared; infinite where a response has no density.
         """
-        rng = np.random.default_rng(0)  # the same at every call, so that points can be compared
+        rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
         parameters = np.repeat(np.asarray(self.posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
         rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
         responses = [self.surrogate.sampled(parameters, o.record, rng) for o in self.posterior.observations]

@@ -15,6 +15,32 @@ EFFECTIVE_SHARE = 0.3
 """Share of the runs that count in effect."""
 
 
+def best_near_the_posterior(
+    found: Sequence[ResponseSpaceSurrogate], posterior: Posterior, theta: np.ndarray, log_true: np.ndarray
+) -> ResponseSpaceSurrogate:
+    """Choose among surrogates that were fitted to the same runs.
+
+    Parameters
+    ----------
+    found : sequence of ResponseSpaceSurrogate
+        To choose among.
+    posterior : Posterior
+        With the measurements.
+    theta : ndarray, shape (run, parameter)
+        All runs, with parameters of the discrepancy, in SI.
+    log_true : ndarray, shape (run,)
+        Their log densities by their true responses; −inf where a run failed, to which no surrogate was fitted.
+
+    Returns
+    -------
+    ResponseSpaceSurrogate
+        That with the smallest error near the posterior.
+    """
+    ran = np.isfinite(log_true)
+    errors = [error_near_the_posterior(one, posterior, theta[ran], log_true[ran]) for one in found]
+    return found[int(np.argmin(errors))]
+
+
 def error_near_the_posterior(
     surrogate: ResponseSpaceSurrogate, posterior: Posterior, theta: np.ndarray, log_true: np.ndarray
 ) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.exploration import Exploration
-from structid.calibration.forms import error_near_the_posterior
+from structid.calibration.forms import best_near_the_posterior
 from structid.calibration.nearness import nearness
 from structid.calibration.plan import Plan
 from structid.campaign.executors import kept_open, run_map
@@ -219,7 +219,7 @@ class _Loop:
                 entry = self._next(number, surrogate)
                 if self.journal is not None:
                     self.journal.append(entry)
-            batch = _batch_of(entry)
+            batch = Batch.of(entry)
             under = self.posterior.on(surrogate)
             self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
             self.last = batch
@@ -290,11 +290,8 @@ class _Loop:
             fit: Callable[..., Surrogate] = forms[0].fit
             return fit(runs, told, **further)
         density, theta = self._best_densities(self.last, runs)
-        fitted = np.isfinite(density)
         found: list[Any] = [form.fit(runs, told, **further) for form in forms]
-        errors = [error_near_the_posterior(s, self.posterior, theta[fitted], density[fitted]) for s in found]
-        best: Surrogate = found[int(np.argmin(errors))]
-        return best
+        return best_near_the_posterior(found, self.posterior, theta, density)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
@@ -311,7 +308,8 @@ class _Loop:
         else:
             batch = next_batch(explored, self.points, min(self.plan.batch, self._left(training)), rng)
         sure = float(explored.exponents[explored.trusted]), float(np.sqrt(explored.variance()))
-        return _entry(batch, final=due, chosen=chosen, sure=sure)
+        said = {"final": np.array(due), "chosen": np.array(chosen), "sure": np.array(sure)}
+        return batch.to_entry() | said
 
     def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
@@ -425,13 +423,3 @@ class _Loop:
                 self.progress(what, done, total)
 
         return tell
-
-
-def _entry(batch: Batch, final: bool, chosen: bool, sure: tuple[float, float]) -> Entry:
-    own = {field.name: np.asarray(getattr(batch, field.name)) for field in fields(Batch)}
-    return own | {"final": np.array(final), "chosen": np.array(chosen), "sure": np.array(sure)}
-
-
-def _batch_of(entry: Entry) -> Batch:
-    of_batch: dict[str, Any] = {field.name: entry[field.name] for field in fields(Batch)}
-    return Batch(**of_batch | {"highest": float(entry["highest"])})

@@ -206,7 +206,7 @@ class Certificate(ShownAsText):
         limits = self.limits
         lines = [
             f"{head} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
-            f"  with {limits.confidence:.0%} confidence {self.statement}",
+            *([f"  with {limits.confidence:.0%} confidence {self.statement}"] if self.certified else []),
             f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} (at most "
             f"{self.allowed.min():.3g} is allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
