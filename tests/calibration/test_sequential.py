@@ -59,7 +59,7 @@ def test_it_is_certified_and_equals_the_model_s_own_posterior(calibrated, refere
     assert result.certificate.true_runs == len(result.runs) == result.training_runs + PLAN.certificate
     assert result.sampling.verdict().failed_simulations == 0
     told = str(result)
-    assert "CERTIFIED" in told and "round 1: 14 training runs" in told and "stiffness" in told
+    assert "CERTIFIED" in told and "round 1: 10 training runs" in told and "stiffness" in told
 
 
 def test_the_rounds_get_better(calibrated):
@@ -255,7 +255,7 @@ def test_where_the_posterior_reaches_beyond_the_runs():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (dict(true_runs=40), "44 or more: 14 of the first design and 30 of a certificate"),
+        (dict(true_runs=38), "40 or more: 10 of the first design and 30 of a certificate"),
         (dict(start=3), "start.*10 or more"),
         (dict(certificate=600), "explorer|true_runs"),
     ],

@@ -29,7 +29,7 @@ def small(tmp_path):
 
 def test_mistakes_of_several_parts_are_told_together(tmp_path):
     """What needs no other part to be seen: a prior, the sampler, a calibration's budget."""
-    text = SMALL.replace("low = 4.27", "low = 12").replace("[sampler]", "[calibration]\ntrue_runs = 40\n[sampler]")
+    text = SMALL.replace("low = 4.27", "low = 12").replace("[sampler]", "[calibration]\ntrue_runs = 35\n[sampler]")
     (tmp_path / "wrong.toml").write_text(text.replace("walkers = 12", "walkers = 12\nparticles = 5"))
     told = structid("check", "wrong.toml", cwd=tmp_path)
     assert told.returncode == 2 and len(told.stderr.strip().splitlines()) == 3
@@ -52,7 +52,7 @@ def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):
 def test_check_says_what_room_a_calibration_has(tmp_path):
     (tmp_path / "tight.toml").write_text(packaged.template("bouc_wen").replace("true_runs = 500", "true_runs = 64"))
     told = structid("check", "tight.toml", cwd=tmp_path).stdout
-    assert "room for 2 x 10 more" in told and "calibration.true_runs = 104" in told
+    assert "room for 2 x 10 more" in told and "calibration.true_runs = 100" in told
 
 
 def test_the_report_needs_only_its_folder(tmp_path):

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
 from structid.calibration.exploration import Exploration
 from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult
 
 PLAIN_SHARE = 0.5
 """Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
 
-AHEAD = 10.0
+AHEAD = 100.0
 """Times the exponent up to which the surrogate is sure, from where half of a batch on the way comes."""
+
+POPULATION = 4000
+"""Draws that a certificate's statement reckons with at most."""
 
 CANDIDATES = 200
 """Draws among which the surrogate's own uncertainty is compared."""
@@ -114,13 +118,15 @@ class Batch:
         return own[:count] if own.shape[1] else own[:1]
 
 
-def certificate_draws(explored: Exploration, count: int, rng: np.random.Generator) -> Batch:
+def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, rng: np.random.Generator) -> Batch:
     """Choose the draws of a certificate: plain ones, and a share of tempered ones.
 
     Parameters
     ----------
     explored : Exploration
-        The surrogate's posterior.
+        The surrogate's posterior, by degrees.
+    drawn : SamplingResult
+        The draws of it that the certificate is about.
     count : int
         How many.
     rng : numpy.random.Generator
@@ -133,10 +139,13 @@ def certificate_draws(explored: Exploration, count: int, rng: np.random.Generato
     """
     stage = explored.nearest(TEMPERATURE)
     wide = explored.distinct(stage, round(TEMPERED_SHARE * count), rng)
-    plain = explored.distinct(-1, count - len(wide), rng)
+    rows = rng.permutation(np.unique(drawn.flat, axis=0, return_index=True)[1])[: count - len(wide)]
+    plain = explored.posterior.bijection.inverse(drawn.flat[rows])
     phi = np.concatenate([plain, wide])
     mixed = len(plain) + len(wide) * explored.share_of_tempered(phi, stage)
-    return _batch(explored, phi, len(phi) / mixed, np.empty((0, explored.posterior.model_space.dimension)))
+    none = np.empty((0, explored.posterior.model_space.dimension))
+    of_all = _batch(explored, phi, len(phi) / mixed, none)
+    return replace(of_all, population=drawn.thinned(POPULATION), highest=float(drawn.log_density[drawn.discarded :].max()))
 
 
 def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
@@ -159,7 +168,7 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
         Where the surrogate is sure of its posterior, half are plain draws and half draws of a wider law: first those that bring
         the posterior inside the range of the runs, then those where the surrogate's own uncertainty of the log density times the
         distance to known points is largest. Where it is not, half come from the last tempered posterior of which it is sure, and
-        half from one of an exponent ten times as large, far from known points.
+        half from one of an exponent a hundred times as large, far from known points.
     """
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)

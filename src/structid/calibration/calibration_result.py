@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structid.inference.assessment.certificate import Certificate
+from structid.inference.assessment.representation import Representation
 from structid.inference.assessment.summary import Summary
 from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
@@ -15,7 +16,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
-PROMISING = 0.05
+PROMISING = 0.07
 """Spread of the log weights of a round's own draws, and the surrogate's own of the log density, that promise a certificate."""
 
 
@@ -99,6 +100,8 @@ class CalibrationResult:
         All true runs.
     law_choice : LawChoice or None
         Which law of the errors the data chose, where it was left to them.
+    representation : Representation or None
+        Draws of the surrogate's posterior beside those of a second explorer.
     """
 
     sampling: SamplingResult = field(repr=False)
@@ -108,6 +111,7 @@ class CalibrationResult:
     surrogate: Surrogate = field(repr=False)
     runs: Runs = field(repr=False)
     law_choice: LawChoice | None = field(default=None, repr=False)
+    representation: Representation | None = field(default=None, repr=False)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,8 +136,8 @@ class CalibrationResult:
 
     @property
     def trusted(self) -> bool:
-        """Whether the numbers may be believed: the surrogate is certified or has no effect on the draws, and these converged."""
-        return (self.exact or self.certificate.certified) and self.sampling.verdict().converged
+        """Whether the numbers may be believed: certified, or draws of the model itself that have converged."""
+        return self.sampling.verdict().converged if self.exact else self.certificate.certified
 
     @property
     def reweighted(self) -> bool:
@@ -215,6 +219,6 @@ class CalibrationResult:
         return Summary(table.names, table.units, {**table.columns, **moments})
 
     def __str__(self) -> str:
-        verdict = self.sampling.verdict()
-        certificate = self.certificate.said(verdict.converged)
-        return "\n".join([certificate, *(f"  {r}" for r in self.rounds), str(verdict), str(self.summary())])
+        again = [] if self.representation is None else [f"  {line}" for line in str(self.representation).splitlines()]
+        rounds = [f"  {r}" for r in self.rounds]
+        return "\n".join([str(self.certificate), *again, *rounds, str(self.sampling.verdict()), str(self.summary())])

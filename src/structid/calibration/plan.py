@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import Limits
+from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.tempered import SMC
+from structid.probability.designs import Design
+from structid.surrogates.face import SurrogateSettings
+
+FIRST_DESIGN = (2, 2)
+"""Points of a first design, and how many more for each parameter."""
+
+FEWEST = 10
+"""Points of a first design."""
+
+IN_A_ROUND, FURTHER, AMONG = 10, 5, 4
+"""Points in a round, and so many further ones for each parameter above so many."""
+
+ENLARGED = 1.25
+"""Times by which a first design grows until a surrogate can be fitted to it."""
 
 
 @names_checked
@@ -22,10 +38,13 @@ class Plan:
     true_runs : int
         Largest number of parameter points at which the true model is run, including those of the certificate. Each is run on
         every record.
-    start : int
-        Points of the first design.
-    batch : int
-        Points added in each round. Who can run many at once may ask for as many: fewer rounds, and more runs.
+    start : int, optional
+        Points of the first design. When left out, two and two for each parameter, at least ten, or as many as the surrogate asks
+        for.
+    batch : int, optional
+        Points added in each round. When left out, ten for up to four parameters, and five more for each further one. Who can run
+        many at once may ask for as many: fewer rounds, and more runs. With less than half of that a surrogate of many parameters
+        may never come near the posterior.
     certificate : int
         Fresh draws for a certificate, a third of them tempered.
     widen : float
@@ -37,8 +56,8 @@ class Plan:
     """
 
     true_runs: int = 500
-    start: int = 14
-    batch: int = 10
+    start: int | None = None
+    batch: int | None = None
     certificate: int = 30
     widen: float = 1.0
     limits: Limits = field(default_factory=Limits)
@@ -47,25 +66,76 @@ class Plan:
     )
 
     def __post_init__(self) -> None:
-        for name, least in (("start", 10), ("batch", 4), ("certificate", 20)):
+        for name, least in (("start", FEWEST), ("batch", 4), ("certificate", 20)):
             value = getattr(self, name)
-            if not (isinstance(value, (int, np.integer)) and value >= least):
+            if value is not None and not (isinstance(value, (int, np.integer)) and value >= least):
                 raise InputError(f"calibrate({name})", f"{value!r}", f"a whole number, {least} or more")
-        if self.true_runs < self.start + self.certificate:
-            raise InputError(
-                "calibrate(true_runs)",
-                f"{self.true_runs}",
-                f"{self.start + self.certificate} or more: {self.start} of the first design and {self.certificate} of a "
-                "certificate",
-            )
         drawn = self.explorer.particles * self.explorer.ensembles
         if drawn < 2 * self.certificate:
             raise InputError("calibrate(explorer)", f"{drawn} particles", f"{2 * self.certificate} or more")
+        self._check_budget()
+
+    def _check_budget(self) -> None:
+        start = FEWEST if self.start is None else self.start
+        if self.true_runs < start + self.certificate:
+            raise InputError(
+                "calibrate(true_runs)",
+                f"{self.true_runs}",
+                f"{start + self.certificate} or more: {start} of the first design and {self.certificate} of a certificate",
+            )
+
+    def sized(self, posterior: Posterior, settings: SurrogateSettings) -> Plan:
+        """Give numbers to what was left open.
+
+        Parameters
+        ----------
+        posterior : Posterior
+            What is calibrated.
+        settings : PODKriging, PODPCE, PCNARX or KrigingNARX
+            Of the surrogate.
+
+        Returns
+        -------
+        Plan
+            With the points of the first design and of each round.
+
+        Raises
+        ------
+        InputError
+            If that leaves no room for a certificate.
+        """
+        dimension = posterior.model_space.dimension
+        points, each = IN_A_ROUND + FURTHER * max(dimension - AMONG, 0), FIRST_DESIGN[1] * dimension
+        sized = replace(self, batch=points if self.batch is None else self.batch)
+        if self.start is None:
+            sized = replace(sized, start=self._enough(max(FIRST_DESIGN[0] + each, FEWEST), posterior, settings))
+        return sized
+
+    def _enough(self, start: int, posterior: Posterior, settings: SurrogateSettings) -> int:
+        """So many points or more, as a surrogate asks for; the first number if no number in the budget is enough for it."""
+        space, records = posterior.model_space, tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
+        count = start
+        while count <= self.true_runs - self.certificate:
+            points = np.repeat(space.sample(count, 0, "sobol").values, len(records), axis=0)
+            try:
+                settings.check(Design(points, space), records, posterior.model.channels)
+            except InputError:
+                count = math.ceil(ENLARGED * count)
+            else:
+                return count
+        return start
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Points of the first design and of each round, of a plan that is `sized`."""
+        assert self.start is not None and self.batch is not None
+        return self.start, self.batch
 
     @property
     def rounds(self) -> int:
         """Largest number of rounds between the first design and the last certificate."""
-        return (self.true_runs - self.start - self.certificate) // self.batch
+        start, batch = self.sizes
+        return (self.true_runs - start - self.certificate) // batch
 
     def describe(self) -> dict[str, Any]:
         """Settings that decide the points: all except how many there may be.

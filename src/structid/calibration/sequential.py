@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,48 +10,40 @@ from typing import Any
 
 import numpy as np
 
+from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.exploration import Exploration
+from structid.calibration.final_draws import FinalDraws, final_draws
 from structid.calibration.forms import best_near_the_posterior
 from structid.calibration.nearness import nearness
 from structid.calibration.plan import Plan
+from structid.calibration.true_runs import Tell, TrueRuns
 from structid.campaign.executors import kept_open, run_map
-from structid.campaign.runner import Campaign
-from structid.campaign.store import CALIBRATION_RUNS
-from structid.errors import InputError, Status, names_checked
+from structid.campaign.store import CALIBRATION_FINISHED
+from structid.errors import InputError, names_checked
 from structid.hashing import digest
-from structid.inference.assessment.certificate import Certificate, judged
+from structid.inference.assessment.certificate import judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
-from structid.inference.sampling.tempered import SMC
-from structid.inference.sampling_result import SamplingResult
 from structid.journal import Journal
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
 from structid.observation import Observation
-from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.runs import Runs
 from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 6
+SCHEMA = 7
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
-
-USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5)
-"""Draws from the surrogate's posterior at the end, where no sampler is named."""
-
-LONGER = (1, 4, 16)
-"""How many times as many moves it takes at last if it has not converged: along a narrow ridge particles move slowly."""
 
 LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
@@ -65,9 +56,6 @@ FEWEST_IN_A_BATCH = 4
 
 Entry = dict[str, np.ndarray]
 """A round on disk."""
-
-Tell = Callable[[str, int, int], None]
-"""Called with what is being done, how much of it is done, and the total."""
 
 
 @names_checked
@@ -91,8 +79,9 @@ def calibrate(
     A first design is run, and a surrogate is fitted to it. The surrogate's posterior is explored from the prior in tempered
     stages. The model is then run at draws of this posterior, at points where the surrogate is least sure, and at tempered draws.
     All these runs train the next surrogate. A NARX, which reproduces none of its runs exactly, gives more weight to those near
-    the posterior. When the importance weights of the plain draws are nearly equal, the next round spends `Plan.certificate` fresh
-    draws, and a fifth as many tempered ones, on a `Certificate`. If that fails, they too train the next surrogate.
+    the posterior. When the importance weights of the plain draws are nearly equal, the surrogate's posterior is sampled until the
+    draws have converged and a second explorer agrees with them. The next round then spends `Plan.certificate` true runs on a
+    `Certificate`: at fresh draws of these, a third of them tempered. If it fails, they too train the next surrogate.
 
     Parameters
     ----------
@@ -112,7 +101,7 @@ def calibrate(
     plan : Plan, optional
         Everything else about how they are spent. If given, its own budget replaces `true_runs`.
     sampler : Sampler, optional
-        Draws from the surrogate's posterior at the end; `SMC` when left out, which moves up to 16 times longer if it has not
+        Draws from the surrogate's posterior that is certified; `SMC` when left out, with more particles and moves if it has not
         converged. `DelayedAcceptance` draws from the model's own posterior, at the cost of further true runs.
     seed : int
         Seed.
@@ -181,17 +170,20 @@ class _Loop:
         executor: Any,
         progress: Tell | None,
     ) -> None:
-        self.posterior, self.settings, self.plan, self.sampler = posterior, settings, plan, sampler
+        self.posterior, self.settings, self.sampler = posterior, settings, sampler
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
         self.space, self.law_is_open = posterior.model_space, law_is_open
-        self.records = tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
-        self.points = self.space.sample(plan.start, seed, "sobol", plan.widen).values
-        settings.check(self._design(), self.records, posterior.model.channels)
+        self.plan = plan.sized(posterior, settings)
+        first = self.space.sample(self.plan.sizes[0], seed, "sobol", plan.widen).values
+        self.true = TrueRuns(posterior, first, folder, executor, progress)
+        settings.check(self.true.design, self.true.records, posterior.model.channels)
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
+        self.looked = earlier_limits(folder, plan.limits)
         self.rounds: list[Round] = []
         self.last: Batch | None = None
         self.surrogate: Surrogate | None = None
         self.choice: LawChoice | None = None
+        self.final: tuple[int, FinalDraws] | None = None
 
     @property
     def _identity(self) -> dict[str, Any]:
@@ -207,11 +199,11 @@ class _Loop:
 
     def run(self) -> CalibrationResult:
         """Go through the rounds that are stored, and on from there."""
-        runs = self._true_runs()
+        self.true.make()
         stored = [] if self.journal is None else list(self.journal)
         while True:
-            number, training = len(self.rounds), len(self.points)
-            surrogate = self._surrogate(number, runs)
+            number, training = len(self.rounds), len(self.true)
+            surrogate = self._surrogate(number)
             if number < len(stored):
                 entry = stored[number]
                 self._law_as_stored(entry, surrogate)
@@ -219,94 +211,60 @@ class _Loop:
                 entry = self._next(number, surrogate)
                 if self.journal is not None:
                     self.journal.append(entry)
-            batch = Batch.of(entry)
-            under = self.posterior.on(surrogate)
-            self.points = np.concatenate([self.points, batch.points(self.space.dimension)])
-            self.last = batch
-            runs = self._true_runs(runs)
-            self.rounds.append(self._judged(entry, surrogate, batch, under, runs, training))
+            self.last = Batch.of(entry)
+            self.true.make(self.last.points(self.space.dimension))
+            self.rounds.append(self._judged(entry, surrogate, self.last, training))
             certificate = self.rounds[-1].certificate
-            if certificate is not None and (certificate.certified or not self._affordable(len(self.points))):
-                return self._result(surrogate, under, certificate, runs)
-
-    # --- true runs ----------------------------------------------------------------------------------------------
-
-    def _design(self) -> Design:
-        """Every point on every record, one after another."""
-        return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
-
-    def _true_runs(self, done: Runs | None = None) -> Runs:
-        """Run the model at every point where it has not been run."""
-        told = self._told("true runs")
-        model, cycle = self.posterior.model, "cycle" if len(self.records) > 1 else None
-        if self.folder is not None:
-            campaign = Campaign(model, self.records, self._design(), self.folder / CALIBRATION_RUNS, cycle)
-        else:
-            campaign = Campaign(model, self.records, self._design()[0 if done is None else len(done) :], None, cycle)
-        runs = campaign.run(self.executor, progress=lambda ended, total, _failed: told(ended, total))
-        return runs if self.folder is not None or done is None else done + runs
-
-    def _responses(self, runs: Runs, points: slice) -> list[np.ndarray]:
-        """Responses of some points to each observation's record, (run, time, channel); NaN where a run failed."""
-        count = len(self.records)
-        rows = np.arange(len(self.points))[points]
-        hashes = [r.content_hash for r in self.records]
-        responses = []
-        for observation in self.posterior.observations:
-            some = runs[rows * count + hashes.index(observation.record.content_hash)]
-            values = some.values[:, : len(observation.record)]
-            responses.append(np.where(some.done[:, None, None], values, np.nan))
-        return responses
-
-    def _collapsed(self, runs: Runs, points: slice) -> np.ndarray:
-        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself."""
-        status = runs.status.reshape(len(self.points), len(self.records))[points]
-        return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
+            if certificate is not None and (certificate.certified or self._left(len(self.true)) < 0):
+                return self._result(number, surrogate)
 
     # --- a round ------------------------------------------------------------------------------------------------
 
-    def _surrogate(self, number: int, runs: Runs) -> Surrogate:
+    def _surrogate(self, number: int) -> Surrogate:
         path = None if self.folder is None else self.folder / f"surrogate_{number}.h5"
         if path is not None and path.is_file():
             surrogate = load_surrogate(path)
         else:
-            surrogate = self._fit(runs, self._told("fitting the surrogate"))
+            surrogate = self._fit(self._told("fitting the surrogate"))
             if path is not None:
                 surrogate.save(path)
         surrogate.trust()  # the certificate judges it
         self.surrogate = surrogate
         return surrogate
 
-    def _fit(self, runs: Runs, told: Progress) -> Surrogate:
+    def _fit(self, told: Progress) -> Surrogate:
         """Fit to all runs. If the kind can, start from the last round's surrogate and weight runs by nearness to the posterior."""
         further: dict[str, Any] = {}
         if self.settings.warm_start and self.surrogate is not None:
             further["start"] = self.surrogate
         if self.settings.weighted and self.last is not None:
-            near = nearness(self._best_densities(self.last, runs)[0])
-            further["weights"] = np.repeat(near, len(self.records))
+            near = nearness(self._best_densities(self.last)[0])
+            further["weights"] = np.repeat(near, len(self.true.records))
         forms = getattr(self.settings, "forms", (self.settings,))
         if len(forms) == 1 or self.last is None:
             fit: Callable[..., Surrogate] = forms[0].fit
-            return fit(runs, told, **further)
-        density, theta = self._best_densities(self.last, runs)
-        found: list[Any] = [form.fit(runs, told, **further) for form in forms]
+            return fit(self.true.runs, told, **further)
+        density, theta = self._best_densities(self.last)
+        found: list[Any] = [form.fit(self.true.runs, told, **further) for form in forms]
         return best_near_the_posterior(found, self.posterior, theta, density)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
-        training = len(self.points)
-        due = self._is_time_for_a_certificate(training)
+        training = len(self.true)
+        last_chance = not self._room(training)
+        due = last_chance or (bool(self.rounds) and self.rounds[-1].promising)
         chosen = due and self.law_is_open and self.choice is None
         if chosen:
-            due = self._choose_law(surrogate) or not self._room(training)
+            due = self._choose_law(surrogate) or last_chance
         explored = self._explored(number, surrogate)
-        due = due and (explored.outside <= LARGEST_OUTSIDE or not self._room(training))
+        due = due and (explored.outside <= LARGEST_OUTSIDE or last_chance)
+        due = due and (not self._final_draws(number, surrogate, training).failures or last_chance)
         rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
         if due:
-            batch = certificate_draws(explored, self.plan.certificate, rng)
+            drawn = self._final_draws(number, surrogate, training).sampling
+            batch = certificate_draws(explored, drawn, self.plan.certificate, rng)
         else:
-            batch = next_batch(explored, self.points, min(self.plan.batch, self._left(training)), rng)
+            batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng)
         sure = float(explored.exponents[explored.trusted]), float(np.sqrt(explored.variance()))
         said = {"final": np.array(due), "chosen": np.array(chosen), "sure": np.array(sure)}
         return batch.to_entry() | said
@@ -318,9 +276,15 @@ class _Loop:
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
         return Exploration(under, surrogate, blocks)
 
-    def _is_time_for_a_certificate(self, training: int) -> bool:
-        """When the last batch says so, or when the budget leaves no room for another batch before it."""
-        return (bool(self.rounds) and self.rounds[-1].promising) or not self._room(training)
+    def _final_draws(self, number: int, surrogate: Surrogate, training: int) -> FinalDraws:
+        """Draws that a certificate of this round is about; drawn once, or read from the store."""
+        if self.final is None or self.final[0] != number:
+            folder = None if self.folder is None else self.folder / f"draws_{number}"
+            sampler = None if self.sampler is not None and self.sampler.exact else self.sampler
+            seed = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING)
+            known, told = self.true.points[:training], self._told("sampling")
+            self.final = number, final_draws(self.posterior.on(surrogate), known, sampler, seed, folder, told)
+        return self.final[1]
 
     def _room(self, training: int) -> bool:
         """Whether the budget leaves room for another batch before the certificate."""
@@ -344,44 +308,36 @@ class _Loop:
         if entry["chosen"] and self.choice is None:
             self._choose_law(surrogate)
 
-    def _affordable(self, spent: int) -> bool:
-        return self._left(spent) >= 0
-
-    def _judged(
-        self, entry: Entry, surrogate: Surrogate, batch: Batch, under: Posterior, runs: Runs, training: int
-    ) -> Round:
+    def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
-        fresh = slice(training, training + len(batch.fresh))
-        given = self.posterior.given(self._responses(runs, fresh)) if len(batch.fresh) else None
+        number, fresh = len(self.rounds), slice(training, training + len(batch.fresh))
+        given = self.posterior.given(self.true.responses(fresh)) if len(batch.fresh) else None
         log_true = np.empty(0) if given is None else given.log_density(batch.fresh)
         drawn = FreshDraws(
             batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
-            self._collapsed(runs, fresh),
+            self.true.collapsed(fresh),
         )  # fmt: skip
         certificate = None
         if entry["final"]:
-            look = 1 + sum(r.certificate is not None for r in self.rounds)
-            stored = self._stored(batch, under, runs)
-            certificate = judged(drawn, stored, self.posterior.names, len(self.points), look, self.plan.limits)
+            look = 1 + self.looked + sum(r.certificate is not None for r in self.rounds)
+            density, theta = self._best_densities(batch)
+            stored = StoredRuns(density, self.posterior.on(surrogate).log_density(theta))
+            doubts = self._final_draws(number, surrogate, training).failures
+            certificate = judged(drawn, stored, self.posterior.names, len(self.true), look, self.plan.limits, doubts)
         exponent, deviation = map(float, entry["sure"])
         return Round(
-            len(self.rounds), training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation,
-            drawn.spread, drawn.failed, certificate, drawn.log_ratios, batch.shares,
+            number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
+            drawn.failed, certificate, drawn.log_ratios, batch.shares,
         )  # fmt: skip
 
-    def _stored(self, batch: Batch, under: Posterior, runs: Runs) -> StoredRuns:
-        density, theta = self._best_densities(batch, runs)
-        return StoredRuns(density, under.log_density(theta))
-
-    def _best_densities(self, batch: Batch, runs: Runs) -> tuple[np.ndarray, np.ndarray]:
+    def _best_densities(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
         """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws."""
-        dimension = self.space.dimension
-        own = batch.of_the_errors(dimension, DISCREPANCY_DRAWS)
-        given = self.posterior.given(self._responses(runs, slice(None)))
-        best = np.full(len(self.points), -np.inf)
-        theta = np.concatenate([self.points, np.tile(own[0], (len(self.points), 1))], axis=1)
+        points, own = self.true.points, batch.of_the_errors(self.space.dimension, DISCREPANCY_DRAWS)
+        given = self.posterior.given(self.true.responses())
+        best = np.full(len(points), -np.inf)
+        theta = np.concatenate([points, np.tile(own[0], (len(points), 1))], axis=1)
         for some in own:
-            trial = np.concatenate([self.points, np.tile(some, (len(self.points), 1))], axis=1)
+            trial = np.concatenate([points, np.tile(some, (len(points), 1))], axis=1)
             density = given.log_density(trial)
             better = density > best
             best, theta[better] = np.where(better, density, best), trial[better]
@@ -389,33 +345,23 @@ class _Loop:
 
     # --- the end ------------------------------------------------------------------------------------------------
 
-    def _result(
-        self, surrogate: Surrogate, under: Posterior, certificate: Certificate | None, runs: Runs
-    ) -> CalibrationResult:
-        assert certificate is not None
-        chains = None if self.folder is None else self.folder / f"chains_{len(self.rounds) - 1}.h5"
-        seed, sampler = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self.sampler
+    def _result(self, number: int, surrogate: Surrogate) -> CalibrationResult:
+        last = self.rounds[-1]
+        assert last.certificate is not None
+        final = self._final_draws(number, surrogate, last.training)
+        sampler, drawn = self.sampler, replace(final.sampling, certified=last.certificate.certified)
         if sampler is not None and sampler.exact:  # draws of the model's own posterior, whatever the certificate says
-            sampler = sampler.proposing_by(surrogate)
+            chains = None if self.folder is None else self.folder / f"exact_{number}.h5"
+            seed, told = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING), self._told("exact sampling")
             with run_map(self.posterior.model, self.executor) as map_of_runs:
                 target = self.posterior.mapped_by(map_of_runs)
-                drawn = sample(target, sampler, seed, chains, progress=self._told("exact sampling"))
-        else:
-            drawn = replace(self._drawn(under, seed, chains), certified=certificate.certified)
-        return CalibrationResult(drawn, certificate, tuple(self.rounds), self.posterior, surrogate, runs, self.choice)
-
-    def _drawn(self, under: Posterior, seed: int, chains: Path | None) -> SamplingResult:
-        """Draws of the surrogate's posterior; by the usual sampler until they converge, each time from where it was."""
-        told = self._told("sampling")
-        if self.sampler is not None:
-            return sample(under, self.sampler, seed, chains, progress=told)
-        with tempfile.TemporaryDirectory() as scratch:
-            for times in LONGER:
-                longer = replace(USUAL_SAMPLER, steps=times * USUAL_SAMPLER.steps)
-                drawn = sample(under, longer, seed, chains or Path(scratch) / "chains.h5", progress=told)
-                if drawn.verdict().converged:
-                    break
-        return drawn
+                drawn = sample(target, sampler.proposing_by(surrogate), seed, chains, progress=told)
+        if self.folder is not None:
+            (self.folder / CALIBRATION_FINISHED).touch()
+        return CalibrationResult(
+            drawn, last.certificate, tuple(self.rounds), self.posterior, surrogate, self.true.runs, self.choice,
+            final.representation,
+        )  # fmt: skip
 
     def _told(self, what: str) -> Progress:
         def tell(done: int, total: int) -> None:

@@ -42,6 +42,8 @@ CALIBRATION_FOLDER = "calibration"
 """Folder of a calibration in the folder of its study."""
 CALIBRATION_RUNS = "true_runs.h5"
 """File in it with the runs."""
+CALIBRATION_FINISHED = "finished"
+"""File in it that says that it has its last draws."""
 ADOPTED = {"model", "engine"}
 """What runs may differ in and still be taken over."""
 SEGMENT_BYTES = 64_000_000

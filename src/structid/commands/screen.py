@@ -127,7 +127,7 @@ def finish(outcome: StudyOutcome) -> None:
         )
         screen.print()
     if outcome.calibration is not None:
-        said = outcome.calibration.certificate.said(outcome.result.verdict().converged)
+        said = str(outcome.calibration.certificate)
         screen.print(said, style="green" if outcome.trusted else "bold red", markup=False, soft_wrap=True)
         screen.print()
     verdict = outcome.result.verdict()

@@ -104,12 +104,13 @@ class Cost:
 
 def _rounds(plan: Plan) -> str:
     """Say how a plan spends its runs, and whether that leaves room to improve the surrogate."""
+    start, batch = plan.sizes
     told = (
-        f"Of them {plan.start} make the first surrogate and {plan.certificate} the certificate; between them there is room for "
-        f"{plan.rounds} x {plan.batch} more."
+        f"Of them {start} make the first surrogate and {plan.certificate} the certificate; between them there is room for "
+        f"{plan.rounds} x {batch} more."
     )
     if plan.rounds < USUAL_ROUNDS:
-        enough = plan.start + USUAL_ROUNDS * plan.batch + plan.certificate
+        enough = start + USUAL_ROUNDS * batch + plan.certificate
         told += f" A surrogate mostly takes {USUAL_ROUNDS} to be good enough: calibration.true_runs = {enough} has room for them."
     return told
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from structid.campaign.store import CALIBRATION_FOLDER, CAMPAIGN_RUNS
+from structid.campaign.store import CALIBRATION_FINISHED, CALIBRATION_FOLDER, CAMPAIGN_RUNS
 from structid.errors import InputError, undamaged
 from structid.journal import compare_identity, differences, write_then_rename
 from structid.study.building.built_study import BuiltStudy
@@ -76,7 +76,7 @@ def has_draws(folder: Path) -> bool:
     bool
         True from the first finished sampling on.
     """
-    return (folder / CHAINS).is_file() or any((folder / CALIBRATION_FOLDER).glob("chains_*.h5"))
+    return (folder / CHAINS).is_file() or (folder / CALIBRATION_FOLDER / CALIBRATION_FINISHED).is_file()
 
 
 def stored_study(folder: Path) -> tuple[StudyFile, dict[str, Any]]:

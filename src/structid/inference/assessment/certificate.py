@@ -12,11 +12,12 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 import numpy as np
+import scipy
 
 from structid.errors import InputError
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
-from structid.inference.assessment.weight_variation import WeightVariation, largest_variation, weight_variation
+from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
 from structid.notebook import ShownAsText
 
 CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be trusted"]
@@ -91,10 +92,10 @@ class Certificate(ShownAsText):
         Certified: use the draws as they are. Usable: use re-weighted moments and quantiles. Otherwise: do more true runs.
     reasons : tuple of str
         What fell short, one sentence each.
+    doubts : tuple of str
+        Those of them that concern the draws, whatever the model says: they have not converged, or another explorer finds others.
     variation : WeightVariation
         χ̂ and its bound U: every mean is within U standard deviations.
-    allowed : ndarray, shape (parameter,)
-        Largest U that each parameter allows, by its mean and its standard deviation.
     sd_bound : ndarray, shape (parameter,)
         How far each standard deviation may be off, as a share of it.
     shift, shift_error : ndarray, shape (parameter,)
@@ -123,8 +124,8 @@ class Certificate(ShownAsText):
 
     verdict: CertificateVerdict
     reasons: tuple[str, ...]
+    doubts: tuple[str, ...]
     variation: WeightVariation
-    allowed: np.ndarray
     sd_bound: np.ndarray
     shift: np.ndarray
     shift_error: np.ndarray
@@ -150,12 +151,16 @@ class Certificate(ShownAsText):
         return self.verdict != "not to be trusted"
 
     @property
+    def only_the_draws(self) -> bool:
+        """Whether all that speaks against a certificate are the draws themselves; true runs agree with them."""
+        return bool(self.doubts) and self.doubts == self.reasons
+
+    @property
     def agreement(self) -> str:
         """What it says of the drawn posterior and the model's, whatever the draws are worth."""
-        return {
-            "certified": "surrogate and model agree",
-            "usable with re-weighting": "they agree after re-weighting",
-        }.get(self.verdict, "they do not agree")
+        if self.certified or self.only_the_draws:
+            return "surrogate and model agree"
+        return "they agree after re-weighting" if self.usable else "they do not agree"
 
     @property
     def unseen(self) -> float:
@@ -181,34 +186,13 @@ class Certificate(ShownAsText):
         )
 
     def __str__(self) -> str:
-        return self.said()
-
-    def said(self, converged: bool = True) -> str:
-        """Give the verdict and the figures behind it.
-
-        Parameters
-        ----------
-        converged : bool
-            Whether the draws that it is about have converged. If not, nothing is called certified.
-
-        Returns
-        -------
-        str
-            Some lines.
-        """
-        agree = self.certified and not converged
-        head = (
-            "NOT CERTIFIED: surrogate and model agree, but the draws have not converged"
-            if agree
-            else self.verdict.upper()
-        )
         worst = int(np.argmax(np.abs(self.shift)))
         limits = self.limits
         lines = [
-            f"{head} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
+            f"{self.verdict.upper()} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
             *([f"  with {limits.confidence:.0%} confidence {self.statement}"] if self.certified else []),
-            f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} (at most "
-            f"{self.allowed.min():.3g} is allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
+            f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} ({limits.mean:g} is "
+            f"allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
             f"  {self.within_reach} stored true runs lie within {limits.reach:g} nats of the best; what was drawn misses at most "
             f"{max(self.excess, 0.0):.2f} nats there (at most {limits.excess:g})",
@@ -237,6 +221,7 @@ def judged(
     true_runs: int,
     look: int = 1,
     limits: Limits | None = None,
+    doubts: tuple[str, ...] = (),
 ) -> Certificate:
     """Judge a posterior by true runs at fresh draws of it.
 
@@ -254,6 +239,8 @@ def judged(
         1 for the first certificate that is asked for, 2 for one after a refusal, and so on.
     limits : Limits, optional
         The limits to meet.
+    doubts : tuple of str
+        What is known against the draws before the model is run: they have not converged, or another explorer finds other ones.
 
     Returns
     -------
@@ -269,45 +256,46 @@ def judged(
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
-    kurtosis = _kurtosis(fresh.population)
-    allowed = largest_variation(limits.mean, limits.sd, kurtosis)
-    sd_bound = 1.0 - np.sqrt(np.maximum(1.0 - variation.of_variance(kurtosis), 0.0))
-    shift, error = _shift(fresh)
+    sd_bound = _sd_bound(fresh, variation)
+    shift, error = _shift(fresh, _standardised(fresh))
     middle = _middle(fresh.log_ratios)
     excess, within = _excess(stored, middle, limits.reach)
     above = _above(stored, fresh.highest + middle)
     hidden = _understated(stored, middle, limits)
-    missing = _what_is_missing(above, excess, hidden, limits)
+    missing = (*doubts, *_what_is_missing(above, excess, hidden, limits))
     failed = fresh.failed
     if failed:
         missing = (
             f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen",
             *missing,
         )
-    reasons = (*missing, *_what_varies(variation, allowed, names, limits))
+    reasons = (*missing, *_what_varies(variation, sd_bound, names, limits))
     verdict: CertificateVerdict = "certified"
     if reasons:
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, variation, allowed, sd_bound, shift, error, fresh.theta, fresh.weights, look, above, excess, within,
+        verdict, reasons, doubts, variation, sd_bound, shift, error, fresh.theta, fresh.weights, look, above, excess, within,
         failed, true_runs, limits, names,
     )  # fmt: skip
 
 
 def _what_varies(
-    variation: WeightVariation, allowed: np.ndarray, names: tuple[str, ...], limits: Limits
+    variation: WeightVariation, sd_bound: np.ndarray, names: tuple[str, ...], limits: Limits
 ) -> tuple[str, ...]:
     """What is wrong with the weights."""
-    strictest = int(np.argmin(allowed))
-    if variation.bound <= allowed[strictest]:
-        return ()
-    told = (
-        f"the weights of the draws may vary by {_number(variation.bound)}, and {allowed[strictest]:.3g} is the most with which "
-        f"every mean is within {limits.mean:g} standard deviations and every standard deviation within {limits.sd:.0%}"
-    )
-    told += f" (that of {names[strictest]})" if allowed[strictest] < limits.mean else ""
-    return (told,)
+    reasons = []
+    if not variation.bound <= limits.mean:
+        reasons.append(
+            f"the weights of the draws may vary by {_number(variation.bound)}, and {limits.mean:g} is the most with which every "
+            f"mean is within {limits.mean:g} standard deviations"
+        )
+    widest = int(np.argmax(sd_bound))
+    if not sd_bound[widest] <= limits.sd:
+        reasons.append(
+            f"the standard deviation of {names[widest]} may be {sd_bound[widest]:.0%} off, and {limits.sd:.0%} is allowed"
+        )
+    return tuple(reasons)
 
 
 def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -> tuple[str, ...]:
@@ -340,15 +328,35 @@ def _kurtosis(draws: np.ndarray) -> np.ndarray:
     return np.asarray(np.mean(away**4, axis=0) / np.where(variance > 0.0, variance, 1.0) ** 2)
 
 
-def _shift(fresh: FreshDraws) -> tuple[np.ndarray, np.ndarray]:
-    """E_q (w − 1) θ of every parameter, and its Monte-Carlo error, in standard deviations of q."""
+def _standardised(fresh: FreshDraws) -> np.ndarray:
+    """The draws in standard deviations of q from its mean."""
     sd = fresh.population.std(axis=0)
-    standard = (fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0)
+    return np.asarray((fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
+
+
+def _shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """E_q (w − 1) f of functions of the parameters, (draw, function), and its Monte-Carlo error."""
     plain = fresh.shares / fresh.shares.sum()
-    shift = (fresh.weights - plain) @ standard
+    shift = (fresh.weights - plain) @ values
     # Of a self-normalised estimate.
-    contributions = (fresh.weights - plain)[:, None] * standard - fresh.weights[:, None] * shift
+    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * shift
     return shift, np.sqrt(np.sum(contributions**2, axis=0))
+
+
+def _sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+    """How far each standard deviation may be off, as a share of it.
+
+    Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
+    there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
+    parameters are bounded at once. Where a marginal has long tails, the draws say more.
+    """
+    estimate, error = _shift(fresh, _standardised(fresh) ** 2 - 1.0)
+    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
+    with np.errstate(invalid="ignore"):  # of an infinite variation
+        by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
+    by_variation = variation.of_variance(_kurtosis(fresh.population))
+    off = np.fmin(by_draws, by_variation)
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - off, 0.0)))
 
 
 def _middle(ratios: np.ndarray) -> float:

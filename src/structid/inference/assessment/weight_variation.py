@@ -59,6 +59,11 @@ class WeightVariation:
         """
         return self.bound * np.sqrt(p * (1.0 - p))
 
+    @property
+    def inflation(self) -> float:
+        """U/χ̂: how much larger than an estimate from these draws a standard deviation may be."""
+        return self.bound / self.estimate if self.estimate > 0.0 else 1.0
+
     def of_variance(self, kurtosis: np.ndarray) -> np.ndarray:
         """Largest relative error of a variance.
 
@@ -73,28 +78,6 @@ class WeightVariation:
             U √(κ − 1) + U²: the first by f = (x − μ)², of which (κ − 1) σ⁴ is the variance, the second since the mean shifts, too.
         """
         return np.asarray(self.bound * np.sqrt(np.maximum(kurtosis, 1.0) - 1.0) + self.bound**2)
-
-
-def largest_variation(mean: float, sd: float, kurtosis: np.ndarray) -> np.ndarray:
-    """The largest χ that moves neither a mean nor a standard deviation too far.
-
-    Parameters
-    ----------
-    mean : float
-        How far a mean may be off, in standard deviations.
-    sd : float
-        How far a standard deviation may be off, as a share of it.
-    kurtosis : ndarray, shape (parameter,)
-        κ of each marginal.
-
-    Returns
-    -------
-    ndarray, shape (parameter,)
-        The smaller of `mean` and the χ that solves χ √(κ − 1) + χ² = 1 − (1 − sd)².
-    """
-    slope = np.sqrt(np.maximum(kurtosis, 1.0) - 1.0)
-    variance = 1.0 - (1.0 - sd) ** 2
-    return np.asarray(np.minimum(mean, 0.5 * (np.sqrt(slope**2 + 4.0 * variance) - slope)))
 
 
 def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: float) -> WeightVariation:

@@ -103,6 +103,28 @@ def lost_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, s
     return modes
 
 
+def all_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray) -> list[Mode]:
+    """Find the modes in which particles are, and those that they have lost.
+
+    Parameters
+    ----------
+    target, particles, log_density, scouts
+        As in `lost_modes`; scouts may be any points.
+
+    Returns
+    -------
+    list of Mode
+        Those with particles first; at least one.
+    """
+    known = _Known(target, particles, log_density)
+    modes: list[Mode] = []
+    for centre, _ in known.centres:
+        mode = _climbed(known, centre)
+        if all(known.divided(mode.middle, mode.log_density, other) for other in modes):
+            modes.append(mode)
+    return modes + lost_modes(target, particles, log_density, scouts)
+
+
 class _Known:
     """The density, and where particles are."""
 

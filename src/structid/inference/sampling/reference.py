@@ -1,4 +1,4 @@
-"""A second law to temper from: around all modes that are known, where the prior has lost one."""
+"""A second law to temper from: around modes that were searched for, whether particles from the prior have found them or not."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FromReference(Target):
     particles : EnsembleState
         Of all populations, where the modes are known.
     modes : list of Mode
-        Where they are not. Half of q is divided evenly among them.
+        To begin in as well. Half of q is divided evenly among them.
     """
 
     def __init__(self, target: Target, particles: EnsembleState, modes: list[Mode]) -> None:

@@ -44,7 +44,7 @@ def _asked(certificate: Certificate) -> list[list[str]]:
         [
             f"variation χ of the weights, bounded with {variation.confidence:.3%} confidence (look {certificate.look})",
             f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
-            f"{certificate.allowed.min():.2g} or less",
+            f"{limits.mean:g} or less",
         ],
         [
             f"density missed at {certificate.within_reach} true runs within {limits.reach:g} nats of the best",
@@ -85,7 +85,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
         figures.rounds(
             [r.training for r in calibration.rounds],
             [r.log_weights for r in calibration.rounds],
-            float(calibration.certificate.allowed.min()),
+            calibration.certificate.limits.mean,
             save=folder / "rounds",
         )
         return Picture(

@@ -29,7 +29,7 @@ def _words(material: ProgrammeMaterial) -> list[str]:
     said = [
         f"Measured displacements were imposed on the model, and its forces compared with those that were measured, in test "
         f"{learnt.from_test} and those before ({learnt.observation.values.size:,} values). {how}",
-        *([] if calibration is None else _lines(calibration.certificate.said(verdict.converged))),
+        *([] if calibration is None else _lines(str(calibration.certificate))),
         *_lines(str(verdict)),
     ]
     if (seen := learnt.prediction) is not None:

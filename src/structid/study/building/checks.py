@@ -101,7 +101,7 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
             raise InputError(where, came, allowed)
     assert study.posterior is not None
     records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
-    points = np.repeat(study.space.sample(plan.start, 0, "sobol").values, len(records), axis=0)
+    points = np.repeat(study.space.sample(plan.sizes[0], 0, "sobol").values, len(records), axis=0)
     _check_surrogate(study, Design(points, study.space), records)
 
 

@@ -21,6 +21,7 @@ from structid.study.building.parameter_studies import planned_parameter_study
 from structid.study.building.priors import parameter_prior, parameter_space
 from structid.study.building.records import load_record, processed, read_record
 from structid.study.building.samplers import build_plan, build_sampler
+from structid.study.building.surrogates import surrogate_settings
 from structid.study.schema.problems import StudyErrors
 from structid.study.schema.study_file import StudyFile
 
@@ -115,6 +116,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
     design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))
     sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
+    if plan is not None and posterior is not None and file.surrogate.kind != "none":
+        plan = plan.sized(posterior, surrogate_settings(file.surrogate))
     study = BuiltStudy(
         file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan,
         planned_parameter_study(file, space, model), planned_fragility(file, folder, model),

@@ -145,8 +145,8 @@ class CalibrationSection(Section):
     """True runs where the posterior is, until a certificate holds; see `calibrate`."""
 
     true_runs: int = Field(default=500, le=LARGEST_COUNT)
-    start: int = Field(default=14, ge=10, le=LARGEST_COUNT)
-    batch: int = Field(default=10, ge=4, le=LARGEST_COUNT)
+    start: int | None = Field(default=None, ge=10, le=LARGEST_COUNT)
+    batch: int | None = Field(default=None, ge=4, le=LARGEST_COUNT)
     certificate: int = Field(default=30, ge=20, le=LARGEST_COUNT)
 
 

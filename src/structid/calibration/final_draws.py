@@ -1,0 +1,95 @@
+"""Draws of a surrogate's posterior that are good enough to be certified: converged, and what a second explorer finds, too."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from structid.inference.assessment.representation import Representation, represented
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sample import sample
+from structid.inference.sampling.sampler import Sampler
+from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling_result import SamplingResult
+from structid.models.face import Progress
+
+USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5)
+"""Draws from the surrogate's posterior, where no sampler is named."""
+
+MORE_CAREFUL = (
+    USUAL_SAMPLER,
+    replace(USUAL_SAMPLER, particles=1000, correlation=0.2),
+    replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
+)
+"""What it is followed by while draws have not converged: along a narrow ridge particles move slowly."""
+
+LONGER = (1, 4, 16)
+"""How many times as many steps a sampler that was asked for takes while its draws have not converged."""
+
+
+@dataclass(frozen=True, eq=False)
+class FinalDraws:
+    """Draws, and whether they stand for the posterior that they are said to come from.
+
+    Parameters
+    ----------
+    sampling : SamplingResult
+        The draws.
+    representation : Representation
+        They beside those of a second explorer.
+    """
+
+    sampling: SamplingResult = field(repr=False)
+    representation: Representation
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Why they do not, one sentence each; empty where they do."""
+        return (*self.sampling.verdict().failures, *self.representation.failures)
+
+
+def final_draws(
+    under: Posterior, known: np.ndarray, sampler: Sampler | None, seed: int, folder: Path | None, told: Progress
+) -> FinalDraws:
+    """Draw from a surrogate's posterior; by more and more careful samplers until the draws converge, and a second explorer agrees.
+
+    Parameters
+    ----------
+    under : Posterior
+        Of the surrogate.
+    known : ndarray, shape (run, model parameter)
+        Points of true runs, in SI: the second explorer searches for modes from there as well.
+    sampler : Sampler or None
+        The only one to be used, where it is given; it takes up to 16 times as many steps.
+    seed : int
+        Seed.
+    folder : Path or None
+        For the chains; not kept if None.
+    told : callable
+        Called with the percentage done, and 100.
+
+    Returns
+    -------
+    FinalDraws
+        The last.
+    """
+    with tempfile.TemporaryDirectory() as scratch:
+        where = Path(scratch) if folder is None else folder
+        for name, one in _one_after_another(sampler):
+            drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
+            errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
+            starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
+            found = FinalDraws(drawn, represented(drawn, starts, seed))
+            if not found.failures:
+                break
+    return found
+
+
+def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler]]:
+    """Samplers to try, with the name of their store: what takes longer goes on in the same one."""
+    if sampler is None:
+        return [(f"chains_{place}", one) for place, one in enumerate(MORE_CAREFUL)]
+    return [("chains", replace(sampler, steps=times * sampler.steps)) for times in LONGER]

@@ -1,0 +1,121 @@
+"""Runs of the true model, at the points that a calibration asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.campaign.runner import Campaign
+from structid.campaign.store import CALIBRATION_RUNS
+from structid.errors import Status
+from structid.inference.likelihood.posterior import Posterior
+from structid.probability.designs import Design
+from structid.runs import Runs
+
+Tell = Callable[[str, int, int], None]
+"""Called with what is being done, how much of it is done, and the total."""
+
+
+class TrueRuns:
+    """Points, and the true model's responses there to every record.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On the true model.
+    points : ndarray, shape (point, parameter)
+        The first design, in SI.
+    folder : Path or None
+        Where they are kept; in memory if None.
+    executor : object
+        Where an external model's runs are done; see `Campaign.run`.
+    tell : callable or None
+        Told of progress.
+    """
+
+    def __init__(
+        self, posterior: Posterior, points: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
+    ) -> None:
+        self.model, self.space, self.observations = posterior.model, posterior.model_space, posterior.observations
+        self.records = tuple({o.record.content_hash: o.record for o in self.observations}.values())
+        self.points, self.folder, self.executor, self.tell = points, folder, executor, tell
+        self._done: Runs | None = None
+
+    @property
+    def design(self) -> Design:
+        """Every point on every record, one after another."""
+        return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
+
+    @property
+    def runs(self) -> Runs:
+        """All that were made."""
+        assert self._done is not None  # `make` comes first
+        return self._done
+
+    def make(self, points: np.ndarray | None = None) -> None:
+        """Run the model at every point where it has not been run.
+
+        Parameters
+        ----------
+        points : ndarray, shape (point, parameter), optional
+            Further points, in SI.
+        """
+        if points is not None:
+            self.points = np.concatenate([self.points, points])
+        cycle = "cycle" if len(self.records) > 1 else None
+        if self.folder is not None:
+            campaign = Campaign(self.model, self.records, self.design, self.folder / CALIBRATION_RUNS, cycle)
+            self._done = campaign.run(self.executor, progress=self._told)
+        else:
+            done = 0 if self._done is None else len(self._done)
+            runs = Campaign(self.model, self.records, self.design[done:], None, cycle).run(self.executor, progress=self._told)
+            self._done = runs if self._done is None else self._done + runs
+
+    def _told(self, ended: int, total: int, _failed: int) -> None:
+        if self.tell is not None:
+            self.tell("true runs", ended, total)
+
+    def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
+        """Responses at some points to each observation's record.
+
+        Parameters
+        ----------
+        points : slice
+            Which.
+
+        Returns
+        -------
+        list of ndarray, shape (point, time, channel)
+            NaN where a run failed.
+        """
+        count = len(self.records)
+        rows = np.arange(len(self.points))[points]
+        hashes = [r.content_hash for r in self.records]
+        responses = []
+        for observation in self.observations:
+            some = self.runs[rows * count + hashes.index(observation.record.content_hash)]
+            values = some.values[:, : len(observation.record)]
+            responses.append(np.where(some.done[:, None, None], values, np.nan))
+        return responses
+
+    def collapsed(self, points: slice) -> np.ndarray:
+        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself.
+
+        Parameters
+        ----------
+        points : slice
+            Which.
+
+        Returns
+        -------
+        ndarray of bool, shape (point,)
+            True where it failed.
+        """
+        status = self.runs.status.reshape(len(self.points), len(self.records))[points]
+        return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
+
+    def __len__(self) -> int:
+        return len(self.points)

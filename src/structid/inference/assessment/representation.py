@@ -1,0 +1,220 @@
+"""Do draws represent the density that they are said to come from? A second explorer, which is built otherwise, says so.
+
+Particles that come from the prior lose narrow modes, and creep along ridges. Chains forget neither where they began nor that they
+have not been elsewhere. So modes are searched for by optimisation, from the draws, from points that somebody knows (true runs of a
+calibration) and from the prior. Particles then begin around all of these modes evenly, and are tempered from there to the density.
+They know nothing of the masses that the first explorer gave to the modes, and little of where between them it has been.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structid.inference.assessment.diagnostics import effective_sample_size
+from structid.inference.sampling.modes import Mode, all_modes
+from structid.inference.sampling.moves import EnsembleState
+from structid.inference.sampling.reference import FromReference
+from structid.inference.sampling.sampler import Evidence
+from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling_result import SamplingResult
+from structid.inference.target import Target
+from structid.notebook import ShownAsText
+from structid.streams import Purpose, derived_seed, stream
+
+SCOUTS = 400
+"""Draws of the prior, for each parameter, from which modes are searched for."""
+NEGLIGIBLE = 1e-3
+"""Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
+TOLERANCE = 0.05
+"""Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
+ERRORS = 3.0
+"""Standard errors beyond the tolerance at which two explorers disagree."""
+EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
+"""The second explorer, where the first is no tempered SMC."""
+
+
+@dataclass(frozen=True, eq=False)
+class Representation(ShownAsText):
+    """Two explorers of one density, side by side.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    modes : ndarray, shape (mode, parameter)
+        Local maxima in SI, of the density with respect to unconstrained coordinates.
+    shares, shares_again : ndarray, shape (mode,)
+        Share of the draws that is nearest to each mode, by the first explorer and by the second.
+    mean_gap : ndarray, shape (parameter,)
+        How far apart the means are, in standard deviations.
+    sd_gap : ndarray, shape (parameter,)
+        How much larger the second explorer's standard deviations are, as a share.
+    evidence_gap : float
+        log Z of the second explorer less that of the first; NaN where the first knows none.
+    failures : tuple of str
+        In what they disagree, one sentence each.
+    again : ndarray, shape (step, ensemble, walker, parameter)
+        Draws of the second explorer, in SI.
+    """
+
+    names: tuple[str, ...]
+    modes: np.ndarray
+    shares: np.ndarray
+    shares_again: np.ndarray
+    mean_gap: np.ndarray
+    sd_gap: np.ndarray
+    evidence_gap: float
+    failures: tuple[str, ...]
+    again: np.ndarray = field(repr=False)
+
+    @property
+    def agreed(self) -> bool:
+        """Whether the two explorers found the same."""
+        return not self.failures
+
+    def __str__(self) -> str:
+        worst = int(np.argmax(np.abs(self.mean_gap)))
+        modes = "one mode" if len(self.modes) == 1 else f"{len(self.modes)} modes"
+        told = (
+            f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} standard "
+            f"deviations apart, standard deviations by {np.abs(self.sd_gap).max():.1%} at most"
+        )
+        if len(self.modes) > 1:
+            shares = zip(self.shares, self.shares_again, strict=True)
+            told += "; shares of the modes " + ", ".join(f"{a:.2f} and {b:.2f}" for a, b in shares)
+        return "\n".join([told, *(f"  - {said}" for said in self.failures)])
+
+
+def represented(drawn: SamplingResult, known: np.ndarray, seed: int) -> Representation:
+    """Explore a target a second time, and compare draws with what is found.
+
+    Parameters
+    ----------
+    drawn : SamplingResult
+        The draws; their target must be cheap, such as a posterior under a surrogate.
+    known : ndarray, shape (point, parameter)
+        Further points to search for modes from, in SI.
+    seed : int
+        Seed.
+
+    Returns
+    -------
+    Representation
+        Where they agree and where not.
+    """
+    target = drawn.target
+    phi = target.bijection.inverse(drawn.kept.reshape(-1, target.dimension)).reshape(drawn.kept.shape)
+    density = drawn.coordinate_log_density[drawn.discarded :]
+    settled = EnsembleState(phi[-1], density[-1])
+    modes = _modes(target, phi, density, known, stream(seed, Purpose.SMC_SCOUTS))
+    first = drawn.sampler
+    explorer = replace(first, scouts=0) if isinstance(first, SMC) else EXPLORER
+    reference = FromReference(target, settled, modes)
+    second = explorer.run(reference, derived_seed(seed, Purpose.BESIDE), None, [], lambda _index, _block: None)
+    again = target.bijection(second.phi.reshape(-1, target.dimension))[0].reshape(second.phi.shape)
+    shares = [_labelled(modes, points) for points in (phi, second.phi)]
+    sd = drawn.sd
+    assert second.log_evidence is not None  # of a tempered sampler
+    evidence = None if drawn.log_evidence is None else (drawn.log_evidence, second.log_evidence)
+    failures = (
+        *_apart_in_shares(*shares),
+        *_apart_in_moments(drawn.names, drawn.kept, again),
+        *_apart_in_evidence(evidence),
+    )
+    middles = np.stack([mode.middle for mode in modes])
+    return Representation(
+        drawn.names,
+        target.bijection(middles)[0],
+        *(found.mean(axis=(0, 1, 2)) for found in shares),
+        (again.mean(axis=(0, 1, 2)) - drawn.mean) / np.where(sd > 0.0, sd, 1.0),
+        again.std(axis=(0, 1, 2)) / np.where(sd > 0.0, sd, 1.0) - 1.0,
+        float("nan") if evidence is None else evidence[1].value - evidence[0].value,
+        failures,
+        again,
+    )  # fmt: skip
+
+
+def _modes(
+    target: Target, phi: np.ndarray, density: np.ndarray, known: np.ndarray, rng: np.random.Generator
+) -> list[Mode]:
+    """All modes that matter, searched for from the draws, from known points and from the prior."""
+    scouts = [target.bijection.inverse(known)] if len(known) else []
+    if target.knows_prior:
+        scouts.append(target.initial(SCOUTS * target.dimension, rng))
+    scouts = [points[np.isfinite(points).all(axis=1)] for points in scouts]
+    everywhere = np.concatenate([*scouts, np.empty((0, target.dimension))])
+    last = phi[-1].reshape(-1, target.dimension)
+    found = all_modes(target, last, density[-1].ravel(), everywhere)
+    masses = np.array([mode.log_mass for mode in found])
+    matters = masses >= logsumexp(masses) + np.log(NEGLIGIBLE)
+    return [mode for mode, does in zip(found, matters, strict=True) if does]
+
+
+def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
+    """Which mode each point is nearest to, by the Gaussian law that touches the density there: (..., mode) of zeros and ones."""
+    distances = []
+    for mode in modes:
+        standard = np.linalg.solve(mode.factor, (phi.reshape(-1, phi.shape[-1]) - mode.middle).T)
+        distances.append(0.5 * np.sum(standard**2, axis=0) + np.log(np.diag(mode.factor)).sum())
+    nearest = np.argmin(distances, axis=0)
+    return np.asarray((nearest[:, None] == np.arange(len(modes))).reshape(*phi.shape[:-1], len(modes)), dtype=np.float64)
+
+
+def _error(x: np.ndarray) -> float:
+    """Standard error of a mean over (step, ensemble, walker): the larger of that by sample size and that by the ensembles."""
+    of_ensembles = x.mean(axis=(0, 2))
+    by_size = x.var() / max(effective_sample_size(x), 1.0) if np.ptp(x) else 0.0
+    by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
+    return float(np.sqrt(max(by_size, by_ensembles)))
+
+
+def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
+    """Modes whose shares differ."""
+    found = []
+    for mode in range(first.shape[-1] if first.shape[-1] > 1 else 0):
+        shares = first[..., mode], second[..., mode]
+        error = float(np.hypot(*(_error(x) for x in shares)))
+        gap = abs(shares[0].mean() - shares[1].mean())
+        if gap > TOLERANCE + ERRORS * error:
+            found.append(
+                f"of the draws {shares[0].mean():.0%} lie at mode {mode + 1} of {first.shape[-1]}, and {shares[1].mean():.0%} of a "
+                "second explorer's, which begins at all modes evenly"
+            )
+    return found
+
+
+def _apart_in_moments(names: tuple[str, ...], first: np.ndarray, second: np.ndarray) -> list[str]:
+    """The parameter in whose mean or standard deviation they differ most, if that matters."""
+    found = []
+    for place, name in enumerate(names):
+        ours, theirs = first[..., place], second[..., place]
+        centre, sd = ours.mean(), ours.std()
+        if sd == 0.0:
+            continue
+        # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
+        standard = [(x - centre) / sd for x in (ours, theirs)]
+        error = float(np.hypot(*(_error(x) for x in standard)))
+        gap = abs(standard[1].mean()) - ERRORS * error
+        found.append((gap, f"a second explorer puts the mean of {name} {standard[1].mean():+.2f} standard deviations away"))
+        error = 0.5 * float(np.hypot(*(_error((x - x.mean()) ** 2) for x in standard)))
+        gap = abs(standard[1].std() - 1.0) - ERRORS * error
+        found.append((gap, f"a second explorer finds {standard[1].std():.2f} times the standard deviation of {name}"))
+    gap, sentence = max(found, default=(0.0, ""))
+    return [sentence] if gap > TOLERANCE else []
+
+
+def _apart_in_evidence(evidence: tuple[Evidence, Evidence] | None) -> list[str]:
+    """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
+    if evidence is None:
+        return []
+    gap = evidence[1].value - evidence[0].value
+    error = float(np.hypot(*(one.error for one in evidence)))
+    if abs(gap) <= TOLERANCE + ERRORS * error:
+        return []
+    return [
+        f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: "
+        + ("the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, so it proves nothing")
+    ]
