@@ -145,7 +145,9 @@ def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, 
     mixed = len(plain) + len(wide) * explored.share_of_tempered(phi, stage)
     none = np.empty((0, explored.posterior.model_space.dimension))
     of_all = _batch(explored, phi, len(phi) / mixed, none)
-    return replace(of_all, population=drawn.thinned(POPULATION), highest=float(drawn.log_density[drawn.discarded :].max()))
+    return replace(
+        of_all, population=drawn.thinned(POPULATION), highest=float(drawn.log_density[drawn.discarded :].max())
+    )
 
 
 def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:

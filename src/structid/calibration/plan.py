@@ -113,7 +113,10 @@ class Plan:
 
     def _enough(self, start: int, posterior: Posterior, settings: SurrogateSettings) -> int:
         """So many points or more, as a surrogate asks for; the first number if no number in the budget is enough for it."""
-        space, records = posterior.model_space, tuple({o.record.content_hash: o.record for o in posterior.observations}.values())
+        space, records = (
+            posterior.model_space,
+            tuple({o.record.content_hash: o.record for o in posterior.observations}.values()),
+        )
         count = start
         while count <= self.true_runs - self.certificate:
             points = np.repeat(space.sample(count, 0, "sobol").values, len(records), axis=0)

@@ -71,7 +71,9 @@ class TrueRuns:
             self._done = campaign.run(self.executor, progress=self._told)
         else:
             done = 0 if self._done is None else len(self._done)
-            runs = Campaign(self.model, self.records, self.design[done:], None, cycle).run(self.executor, progress=self._told)
+            runs = Campaign(self.model, self.records, self.design[done:], None, cycle).run(
+                self.executor, progress=self._told
+            )
             self._done = runs if self._done is None else self._done + runs
 
     def _told(self, ended: int, total: int, _failed: int) -> None:

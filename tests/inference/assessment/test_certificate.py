@@ -136,7 +136,9 @@ def test_the_bound_of_an_sd_lies_above_the_truth():
     mean = weights @ theta / weights.sum()
     off = 1.0 - 1.0 / np.sqrt(weights @ (theta - mean) ** 2 / weights.sum())
     names = tuple("abcd")
-    bounds = [judged(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0] for s in range(200)]
+    bounds = [
+        judged(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0] for s in range(200)
+    ]
     assert np.mean(np.array(bounds) > off) >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 200)
     even = judged(of_an_exponential_law(rough(0.05), 1), StoredRuns(), names, 99)
     assert even.sd_bound.max() < 0.6 * (1.0 - np.sqrt(1.0 - even.variation.of_variance(np.array([9.0]))[0]))

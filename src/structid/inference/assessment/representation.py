@@ -160,7 +160,9 @@ def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
         standard = np.linalg.solve(mode.factor, (phi.reshape(-1, phi.shape[-1]) - mode.middle).T)
         distances.append(0.5 * np.sum(standard**2, axis=0) + np.log(np.diag(mode.factor)).sum())
     nearest = np.argmin(distances, axis=0)
-    return np.asarray((nearest[:, None] == np.arange(len(modes))).reshape(*phi.shape[:-1], len(modes)), dtype=np.float64)
+    return np.asarray(
+        (nearest[:, None] == np.arange(len(modes))).reshape(*phi.shape[:-1], len(modes)), dtype=np.float64
+    )
 
 
 def _error(x: np.ndarray) -> float:
@@ -198,7 +200,9 @@ def _apart_in_moments(names: tuple[str, ...], first: np.ndarray, second: np.ndar
         standard = [(x - centre) / sd for x in (ours, theirs)]
         error = float(np.hypot(*(_error(x) for x in standard)))
         gap = abs(standard[1].mean()) - ERRORS * error
-        found.append((gap, f"a second explorer puts the mean of {name} {standard[1].mean():+.2f} standard deviations away"))
+        found.append(
+            (gap, f"a second explorer puts the mean of {name} {standard[1].mean():+.2f} standard deviations away")
+        )
         error = 0.5 * float(np.hypot(*(_error((x - x.mean()) ** 2) for x in standard)))
         gap = abs(standard[1].std() - 1.0) - ERRORS * error
         found.append((gap, f"a second explorer finds {standard[1].std():.2f} times the standard deviation of {name}"))
@@ -216,5 +220,9 @@ def _apart_in_evidence(evidence: tuple[Evidence, Evidence] | None) -> list[str]:
         return []
     return [
         f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: "
-        + ("the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, so it proves nothing")
+        + (
+            "the draws have missed a part"
+            if gap > 0.0
+            else "it has missed a part that the draws know, so it proves nothing"
+        )
     ]
