@@ -95,6 +95,7 @@ _PUBLIC = {
     "Wall": "fem.layout",
     "Weibull": "probability.marginals",
     "calibrate": "calibration.sequential",
+    "certify": "calibration.certify",
     "choose_law": "inference.law_choice",
     "conformance": "hybrid.conformance",
     "cut_frame": "hybrid.frame_parts",

@@ -1,6 +1,7 @@
 """Public names, as editors and type checkers see them; `__init__.py` loads them when they are first used."""
 
 from structid import optimize as optimize
+from structid.calibration.certify import certify as certify
 from structid.calibration.plan import Plan as Plan
 from structid.calibration.sequential import calibrate as calibrate
 from structid.campaign.runner import Campaign as Campaign

@@ -5,10 +5,11 @@ from __future__ import annotations
 import tempfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 
-from structid.inference.assessment.representation import Representation, represented
+from structid.inference.assessment.representation import EXPLORER, Representation, represented
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Sampler
@@ -78,18 +79,24 @@ def final_draws(
     """
     with tempfile.TemporaryDirectory() as scratch:
         where = Path(scratch) if folder is None else folder
-        for name, one in _one_after_another(sampler):
+        for name, one, again in _one_after_another(sampler):
             drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
             errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
-            found = FinalDraws(drawn, represented(drawn, starts, seed))
+            found = FinalDraws(drawn, represented(under, drawn.kept, starts, seed, again, drawn.log_evidence))
             if not found.failures:
                 break
     return found
 
 
-def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler]]:
-    """Samplers to try, with the name of their store: what takes longer goes on in the same one."""
+def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler, SMC]]:
+    """Samplers to try, each with the name of its store and a second explorer: what takes longer goes on in the same store."""
     if sampler is None:
-        return [(f"chains_{place}", one) for place, one in enumerate(MORE_CAREFUL)]
-    return [("chains", replace(sampler, steps=times * sampler.steps)) for times in LONGER]
+        return [(f"chains_{place}", one, replace(one, scouts=0)) for place, one in enumerate(MORE_CAREFUL)]
+    return [("chains", _longer(sampler, times), EXPLORER) for times in LONGER]
+
+
+def _longer(sampler: Sampler, times: int) -> Sampler:
+    """The same sampler with so many times as many steps: every one is a dataclass that has them."""
+    longer: Any = sampler
+    return cast(Sampler, replace(longer, steps=times * sampler.steps))

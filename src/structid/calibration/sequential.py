@@ -200,6 +200,7 @@ class _Loop:
     def run(self) -> CalibrationResult:
         """Go through the rounds that are stored, and on from there."""
         self.true.make()
+        self.true.refuse_rest()
         stored = [] if self.journal is None else list(self.journal)
         while True:
             number, training = len(self.rounds), len(self.true)

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
-from structid.errors import Status
+from structid.errors import InputError, Status
 from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
 from structid.runs import Runs
@@ -79,6 +79,26 @@ class TrueRuns:
     def _told(self, ended: int, total: int, _failed: int) -> None:
         if self.tell is not None:
             self.tell("true runs", ended, total)
+
+    def refuse_rest(self) -> None:
+        """Refuse a model whose responses do not move: nothing can be learnt from them.
+
+        Raises
+        ------
+        InputError
+            If all responses of all finished runs are constant in time.
+        """
+        values = self.runs.values[self.runs.done]
+        if not len(values):
+            return
+        moves = np.nanmax(values, axis=1) > np.nanmin(values, axis=1)
+        if not moves.any():
+            raise InputError(
+                f"the model's {', '.join(self.model.channels)}",
+                f"a response that is constant in time, in all of {len(values)} runs",
+                "a response that moves",
+                "Does the solver see the record, and does its answer have the sampling of the record?",
+            )
 
     def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
         """Responses at some points to each observation's record.

@@ -110,7 +110,7 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
         screen.print()
         screen.print(str((learnt.calibration or learnt.result).summary()), markup=False, soft_wrap=True)
         if learnt.calibration is not None:
-            said = learnt.calibration.certificate.said(verdict.converged)
+            said = str(learnt.calibration.certificate)
             screen.print(said, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
         screen.print(
             str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True

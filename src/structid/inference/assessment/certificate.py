@@ -120,6 +120,8 @@ class Certificate(ShownAsText):
         The limits it had to meet.
     names : tuple of str
         Parameters.
+    subject : str
+        What is certified, where it is not the draws.
     """
 
     verdict: CertificateVerdict
@@ -139,6 +141,7 @@ class Certificate(ShownAsText):
     true_runs: int
     limits: Limits
     names: tuple[str, ...]
+    subject: str = ""
 
     @property
     def certified(self) -> bool:
@@ -188,8 +191,9 @@ class Certificate(ShownAsText):
     def __str__(self) -> str:
         worst = int(np.argmax(np.abs(self.shift)))
         limits = self.limits
+        head = " ".join([self.verdict.upper(), *self.subject.split()])
         lines = [
-            f"{self.verdict.upper()} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
+            f"{head} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
             *([f"  with {limits.confidence:.0%} confidence {self.statement}"] if self.certified else []),
             f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} ({limits.mean:g} is "
             f"allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "

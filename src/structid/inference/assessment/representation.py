@@ -8,7 +8,8 @@ They know nothing of the masses that the first explorer gave to the modes, and l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+import math
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.special import logsumexp
@@ -19,7 +20,6 @@ from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.reference import FromReference
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
-from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 from structid.notebook import ShownAsText
 from structid.streams import Purpose, derived_seed, stream
@@ -32,8 +32,10 @@ TOLERANCE = 0.05
 """Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
 ERRORS = 3.0
 """Standard errors beyond the tolerance at which two explorers disagree."""
+PARTICLES = 2000
+"""Draws that the second explorer knows of."""
 EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
-"""The second explorer, where the first is no tempered SMC."""
+"""The second explorer."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,53 +90,62 @@ class Representation(ShownAsText):
         return "\n".join([told, *(f"  - {said}" for said in self.failures)])
 
 
-def represented(drawn: SamplingResult, known: np.ndarray, seed: int) -> Representation:
+def represented(
+    target: Target,
+    draws: np.ndarray,
+    known: np.ndarray,
+    seed: int,
+    explorer: SMC = EXPLORER,
+    evidence: Evidence | None = None,
+) -> Representation:
     """Explore a target a second time, and compare draws with what is found.
 
     Parameters
     ----------
-    drawn : SamplingResult
-        The draws; their target must be cheap, such as a posterior under a surrogate.
+    target : Target
+        What they are draws of; its density must be cheap, such as that of a posterior under a surrogate.
+    draws : ndarray, shape (step, ensemble, walker, parameter)
+        In SI.
     known : ndarray, shape (point, parameter)
         Further points to search for modes from, in SI.
     seed : int
         Seed.
+    explorer : SMC
+        Settings of the second explorer.
+    evidence : Evidence, optional
+        log Z by the first one.
 
     Returns
     -------
     Representation
         Where they agree and where not.
     """
-    target = drawn.target
-    phi = target.bijection.inverse(drawn.kept.reshape(-1, target.dimension)).reshape(drawn.kept.shape)
-    density = drawn.coordinate_log_density[drawn.discarded :]
-    settled = EnsembleState(phi[-1], density[-1])
-    modes = _modes(target, phi, density, known, stream(seed, Purpose.SMC_SCOUTS))
-    first = drawn.sampler
-    explorer = replace(first, scouts=0) if isinstance(first, SMC) else EXPLORER
-    reference = FromReference(target, settled, modes)
+    phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
+    some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
+    density = target.evaluate(some)[0]
+    modes = _modes(target, some, density, known, stream(seed, Purpose.SMC_SCOUTS))
+    reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
     second = explorer.run(reference, derived_seed(seed, Purpose.BESIDE), None, [], lambda _index, _block: None)
-    again = target.bijection(second.phi.reshape(-1, target.dimension))[0].reshape(second.phi.shape)
-    shares = [_labelled(modes, points) for points in (phi, second.phi)]
-    sd = drawn.sd
     assert second.log_evidence is not None  # of a tempered sampler
-    evidence = None if drawn.log_evidence is None else (drawn.log_evidence, second.log_evidence)
-    failures = (
-        *_apart_in_shares(*shares),
-        *_apart_in_moments(drawn.names, drawn.kept, again),
-        *_apart_in_evidence(evidence),
-    )
-    middles = np.stack([mode.middle for mode in modes])
+    again = target.bijection(second.phi.reshape(-1, target.dimension))[0].reshape(second.phi.shape)
+    shares = [_labelled(modes, points) for points in (phi.reshape(draws.shape), second.phi)]
+    moments = [(x.mean(axis=(0, 1, 2)), x.std(axis=(0, 1, 2))) for x in (draws, again)]
+    sd = np.where(moments[0][1] > 0.0, moments[0][1], 1.0)
     return Representation(
-        drawn.names,
-        target.bijection(middles)[0],
-        *(found.mean(axis=(0, 1, 2)) for found in shares),
-        (again.mean(axis=(0, 1, 2)) - drawn.mean) / np.where(sd > 0.0, sd, 1.0),
-        again.std(axis=(0, 1, 2)) / np.where(sd > 0.0, sd, 1.0) - 1.0,
-        float("nan") if evidence is None else evidence[1].value - evidence[0].value,
-        failures,
+        target.names,
+        target.bijection(np.stack([mode.middle for mode in modes]))[0],
+        shares[0].mean(axis=(0, 1, 2)),
+        shares[1].mean(axis=(0, 1, 2)),
+        (moments[1][0] - moments[0][0]) / sd,
+        moments[1][1] / sd - 1.0,
+        float("nan") if evidence is None else second.log_evidence.value - evidence.value,
+        (
+            *_apart_in_shares(*shares),
+            *_apart_in_moments(target.names, draws, again),
+            *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
+        ),
         again,
-    )  # fmt: skip
+    )
 
 
 def _modes(
@@ -146,8 +157,7 @@ def _modes(
         scouts.append(target.initial(SCOUTS * target.dimension, rng))
     scouts = [points[np.isfinite(points).all(axis=1)] for points in scouts]
     everywhere = np.concatenate([*scouts, np.empty((0, target.dimension))])
-    last = phi[-1].reshape(-1, target.dimension)
-    found = all_modes(target, last, density[-1].ravel(), everywhere)
+    found = all_modes(target, phi, density, everywhere)
     masses = np.array([mode.log_mass for mode in found])
     matters = masses >= logsumexp(masses) + np.log(NEGLIGIBLE)
     return [mode for mode, does in zip(found, matters, strict=True) if does]
@@ -178,7 +188,7 @@ def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
     found = []
     for mode in range(first.shape[-1] if first.shape[-1] > 1 else 0):
         shares = first[..., mode], second[..., mode]
-        error = float(np.hypot(*(_error(x) for x in shares)))
+        error = math.hypot(*(_error(x) for x in shares))
         gap = abs(shares[0].mean() - shares[1].mean())
         if gap > TOLERANCE + ERRORS * error:
             found.append(
@@ -198,31 +208,24 @@ def _apart_in_moments(names: tuple[str, ...], first: np.ndarray, second: np.ndar
             continue
         # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
         standard = [(x - centre) / sd for x in (ours, theirs)]
-        error = float(np.hypot(*(_error(x) for x in standard)))
+        error = math.hypot(*(_error(x) for x in standard))
         gap = abs(standard[1].mean()) - ERRORS * error
         found.append(
             (gap, f"a second explorer puts the mean of {name} {standard[1].mean():+.2f} standard deviations away")
         )
-        error = 0.5 * float(np.hypot(*(_error((x - x.mean()) ** 2) for x in standard)))
+        error = 0.5 * math.hypot(*(_error((x - x.mean()) ** 2) for x in standard))
         gap = abs(standard[1].std() - 1.0) - ERRORS * error
         found.append((gap, f"a second explorer finds {standard[1].std():.2f} times the standard deviation of {name}"))
     gap, sentence = max(found, default=(0.0, ""))
     return [sentence] if gap > TOLERANCE else []
 
 
-def _apart_in_evidence(evidence: tuple[Evidence, Evidence] | None) -> list[str]:
+def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
     """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
-    if evidence is None:
-        return []
-    gap = evidence[1].value - evidence[0].value
-    error = float(np.hypot(*(one.error for one in evidence)))
+    gap, error = second.value - first.value, math.hypot(first.error, second.error)
     if abs(gap) <= TOLERANCE + ERRORS * error:
         return []
-    return [
-        f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: "
-        + (
-            "the draws have missed a part"
-            if gap > 0.0
-            else "it has missed a part that the draws know, so it proves nothing"
-        )
-    ]
+    missing = (
+        "the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, and proves nothing"
+    )
+    return [f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: {missing}"]

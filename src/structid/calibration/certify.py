@@ -1,0 +1,155 @@
+"""Anybody's posterior against the user's own model: draws that another program made, judged by a few true runs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.calibration.density_of_draws import DensityOfDraws
+from structid.calibration.drawn_laws import DrawnLaw
+from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
+from structid.calibration.foreign_draws import Draws, draws_of
+from structid.calibration.true_runs import Tell, TrueRuns
+from structid.errors import InputError, names_checked
+from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
+from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult
+from structid.inference.target import Target
+from structid.streams import Purpose, stream
+
+NOISE = 0.01
+"""Difference of log densities at one point from which on a model is said to give different answers [nat]."""
+
+Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
+"""Log density of the draws' law, up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
+
+
+@names_checked
+def certify(
+    posterior: Target,
+    draws: Draws,
+    log_density: Density | None = None,
+    *,
+    true_runs: int | None = None,
+    known: tuple[np.ndarray, np.ndarray] | None = None,
+    limits: Limits | None = None,
+    look: int = 1,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    executor: Any = None,
+    progress: Tell | None = None,
+) -> Certificate:
+    """Certify a posterior that another program drew: by true runs at a few of its draws.
+
+    The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
+    draws of a wider law. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
+    `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own.
+
+    Parameters
+    ----------
+    posterior : Posterior or LogDensity
+        π, on the user's own model.
+    draws : array, mapping, ArviZ object, path, or SamplingResult
+        Draws (draw, parameter) or (chain, draw, parameter) in SI of all parameters of the posterior, those of the errors
+        included; columns by name; an InferenceData, DataTree or Dataset; a netCDF or CSV file; or a result of `sample`.
+    log_density : callable or ndarray, optional
+        log q up to a constant, with respect to the parameters in SI: a function ``(point, parameter) -> (point,)``, or the values
+        at the draws, shaped as these without the last axis. If it is left out, that of a `SamplingResult` is taken. For other draws
+        a density is fitted, and what is certified is this density.
+    true_runs : int, optional
+        True runs to spend, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
+        the tails.
+    known : tuple of ndarray, optional
+        Points (point, parameter) where log π (point,) is known already. None of them may exceed the draws.
+    limits : Limits, optional
+        What must be met.
+    look : int
+        1 for the first certificate of these draws, 2 for a repetition after a refusal, and so on: the confidence is divided.
+    seed : int
+        Chooses the draws.
+    store : path-like, optional
+        A folder for the true runs; a killed certificate goes on from there.
+    executor : optional
+        Where an external model's runs are done; see `Campaign.run`.
+    progress : callable, optional
+        Called with what is being done, how much of it is done, and the total.
+
+    Returns
+    -------
+    Certificate
+        The verdict and its figures.
+
+    Raises
+    ------
+    InputError
+        If these are draws of other parameters, too few, outside the support of the priors, or not of this density.
+    """
+    if true_runs is not None and true_runs < FEWEST_DRAWS:
+        raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
+    taken = draws_of(draws, posterior.names)
+    if log_density is None and isinstance(draws, SamplingResult):
+        log_density = draws.target.log_density
+    rng = stream(seed, Purpose.CERTIFIED_DRAWS)
+    law = _law(posterior, taken, log_density, rng)
+    points = np.empty((0, posterior.dimension)) if known is None else np.asarray(known[0], dtype=np.float64)
+    doubts = law.doubts(points, seed)
+    chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
+    truth = _Truth(posterior, chosen.theta, None if store is None else Path(store), executor, progress)
+    fresh = FreshDraws(
+        chosen.theta, truth.log_density, chosen.log_drawn, chosen.shares, law.population, law.highest, truth.impossible
+    )
+    stored = StoredRuns() if known is None else StoredRuns(np.asarray(known[1]), law.log_density(points))
+    doubts = (*doubts, *truth.doubts)
+    found = judged(fresh, stored, posterior.names, len(chosen.theta) + 1, look, limits, doubts)
+    return replace(found, subject=law.subject)
+
+
+def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:
+    if log_density is None:
+        return FittedToDraws(posterior, draws, rng)
+    if callable(log_density):
+        return DensityOfDraws(posterior, draws, log_density, rng)
+    return ValuesAtDraws(posterior, draws, log_density, rng)
+
+
+class _Truth:
+    """The true posterior at some points, and at the first of them once more."""
+
+    def __init__(
+        self, posterior: Target, theta: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
+    ) -> None:
+        self.theta = theta
+        twice = np.concatenate([theta, theta[:1]])
+        self.impossible = np.zeros(len(theta), dtype=bool)
+        if isinstance(posterior, Posterior):
+            points = np.asarray(posterior.model_parameters(twice))
+            runs = TrueRuns(posterior, points, folder, executor, tell)
+            runs.make()
+            runs.refuse_rest()
+            self.both = posterior.given(runs.responses()).log_density(twice)
+            self.impossible = runs.collapsed(slice(len(theta)))
+        else:
+            self.both = np.asarray(posterior.log_density(twice))
+
+    @property
+    def log_density(self) -> np.ndarray:
+        """Log π at the points, −inf where a run failed."""
+        return np.where(np.isfinite(self.both[:-1]), self.both[:-1], -np.inf)
+
+    @cached_property
+    def doubts(self) -> tuple[str, ...]:
+        """That the same point, run twice, has two densities."""
+        difference = abs(self.both[-1] - self.both[0])
+        if not difference > NOISE:
+            return ()
+        return (
+            f"the model is not the same function twice: run again at the first point, its log density differs by {difference:.2g} "
+            "nats. There is no posterior of a model that has none; fix its random seed",
+        )

@@ -1,0 +1,193 @@
+"""Draws of another program whose density is a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from structid.calibration.drawn_laws import Chosen, DrawnLaw, refuse_another
+from structid.errors import InputError
+from structid.inference.assessment.representation import represented
+from structid.inference.sampling.bridge import bennett_ratio
+from structid.inference.sampling.moves import IndependenceLaw
+from structid.inference.target import Target
+
+WIDE_SHARE = 1.0 / 3.0
+"""Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
+WIDENED = 1.4
+"""Times as wide as the draws is that law, about as wide as q^½."""
+MANY = 4000
+"""Draws of each law by which their normalising constants are compared, and so many stand for q at most."""
+
+
+class DensityOfDraws(DrawnLaw):
+    """q is a function, and these are said to be its draws.
+
+    Parameters
+    ----------
+    posterior, draws
+        As in `DrawnLaw`.
+    function : callable
+        Log density of points (point, parameter) in SI, up to a constant.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+
+    def __init__(
+        self,
+        posterior: Target,
+        draws: np.ndarray,
+        function: Callable[[np.ndarray], np.ndarray],
+        rng: np.random.Generator,
+    ) -> None:
+        super().__init__(posterior, draws)
+        self.function = function
+        self.at_draws = self.log_density(self.flat)
+        refuse_another(self, self.at_draws, rng)
+
+    @property
+    def population(self) -> np.ndarray:
+        """The draws, or some thousand of them."""
+        return self.flat[:: max(1, len(self.flat) // MANY)]
+
+    @property
+    def highest(self) -> float:
+        """Largest log density at a draw."""
+        return float(self.at_draws.max())
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density; see `DrawnLaw.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            What the function says.
+
+        Raises
+        ------
+        InputError
+            If the function gives something else than a number for each point.
+        """
+        values = np.asarray(self.function(theta), dtype=np.float64)
+        if values.shape != (len(theta),):
+            raise InputError(
+                "certify(log_density)",
+                f"a function that gives an array of shape {values.shape} for points of shape {theta.shape}",
+                f"({len(theta)},): a log density for each point",
+            )
+        return np.where(np.isnan(values), -np.inf, values)
+
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Two thirds of them draws, the others of a wider law; see `DrawnLaw.chosen`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture g of both laws, each of which counts q/g.
+        """
+        wide_count = round(WIDE_SHARE * count)
+        rows = rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[: count - wide_count]
+        return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
+
+    def beside_wider_ones(
+        self, plain: np.ndarray, wide_count: int, many: np.ndarray, rng: np.random.Generator
+    ) -> Chosen:
+        """Put draws of a wider law, one of Student, beside draws of q.
+
+        Parameters
+        ----------
+        plain : ndarray, shape (draw, parameter)
+            Draws of q, in unconstrained coordinates.
+        wide_count : int
+            How many draws of the wider law.
+        many : ndarray, shape (draw, parameter)
+            Draws of q that say how wide it is, likewise.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture g of both laws, each of which counts q/g.
+        """
+        factor = np.linalg.cholesky(np.atleast_2d(np.cov(many.T)))
+        law = IndependenceLaw(many.mean(axis=0)[None, None], WIDENED * factor[None, None], np.ones(1))
+        wide = law.draw(rng, MANY)[0]
+        own = self._in_coordinates(wide)
+        wide, own = wide[np.isfinite(own)], own[np.isfinite(own)]  # the wider law is that inside q's support
+        some = many[:: max(1, len(many) // MANY)]
+        forward = own - law.log_density(wide[None])[0]
+        backward = self._in_coordinates(some) - law.log_density(some[None])[0]
+        ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t
+        phi = np.concatenate([plain, wide[:wide_count]])
+        density = self._in_coordinates(phi)
+        of_wide = np.exp(law.log_density(phi[None])[0] - density + ratio)
+        theta, jacobian = self.bijection(phi)
+        return Chosen(theta, density - jacobian, len(phi) / (len(plain) + wide_count * of_wide))
+
+    def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
+        theta, jacobian = self.bijection(phi)
+        return np.asarray(self.log_density(theta) + jacobian)
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Explore q a second time; see `DrawnLaw.doubts`.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Further points in SI, to search for modes from.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        tuple of str
+            In what the draws differ from what is found.
+        """
+        in_order = self.draws if len(self.draws) > 1 else _in_parts(self.flat, 4)
+        found = represented(_Explored(self), in_order.transpose(1, 0, 2)[:, :, None], known, seed)
+        return tuple(f"these are not draws of the given density: {said}" for said in found.failures)
+
+
+class _Explored(Target):
+    """q as a target for a sampler, in the coordinates and with the prior of the true posterior."""
+
+    def __init__(self, law: DensityOfDraws) -> None:
+        self.law, self.names, self.bijection = law, law.posterior.names, law.bijection
+
+    @property
+    def knows_prior(self) -> bool:
+        return self.law.posterior.knows_prior
+
+    @property
+    def content_hash(self) -> str:
+        return self.law.posterior.content_hash
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta, jacobian = self.bijection(phi)
+        return self.law.log_density(theta) + jacobian, np.zeros(len(phi), dtype=bool)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        return self.law.log_density(theta)
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        return self.law.posterior.initial(count, rng)
+
+
+def _in_parts(flat: np.ndarray, count: int) -> np.ndarray:
+    """One chain cut into several, (chain, draw, parameter)."""
+    length = len(flat) // count
+    return flat[: count * length].reshape(count, length, -1)

@@ -1,0 +1,191 @@
+"""The law that draws of another program are said to come from, and what every such law can do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.errors import InputError
+from structid.inference.assessment.fitted_density import FittedDensity
+from structid.inference.target import Target
+
+OTHER_SPREAD = 0.7
+"""Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Points for true runs.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (point, parameter)
+        In SI.
+    log_drawn : ndarray, shape (point,)
+        Log density of q there.
+    shares : ndarray, shape (point,)
+        What each counts in an average over q.
+    """
+
+    theta: np.ndarray
+    log_drawn: np.ndarray
+    shares: np.ndarray
+
+
+class DrawnLaw(ABC):
+    """q, the law that draws are said to come from.
+
+    Parameters
+    ----------
+    posterior : Target
+        The true posterior, in whose coordinates q is looked at.
+    draws : ndarray, shape (chain, draw, parameter)
+        In SI.
+
+    Raises
+    ------
+    InputError
+        If draws lie outside the support of the priors.
+    """
+
+    subject = ""
+    """What is certified, where it is not the draws."""
+    enough = 30
+    """True runs that mostly decide."""
+
+    def __init__(self, posterior: Target, draws: np.ndarray) -> None:
+        self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws
+        self.flat = draws.reshape(-1, posterior.dimension)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self.phi = self.bijection.inverse(self.flat)
+        outside = ~np.isfinite(self.phi)
+        if outside.any():
+            names = ", ".join(n for n, out in zip(posterior.names, outside.any(axis=0), strict=True) if out)
+            raise InputError(
+                "certify(draws)",
+                f"{int(outside.any(axis=1).sum())} of {len(self.flat)} draws outside the support of the priors, in {names}",
+                "draws in SI inside it",
+                "Are they in SI? structid reckons in N, m, kg, s.",
+            )
+
+    @property
+    @abstractmethod
+    def population(self) -> np.ndarray:
+        """Many draws of q, (draw, parameter), in SI."""
+
+    @property
+    @abstractmethod
+    def highest(self) -> float:
+        """Largest log density of q among them."""
+
+    @abstractmethod
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density of q.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            With respect to the parameters, up to a constant.
+        """
+
+    @abstractmethod
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Choose points for true runs.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            With what is known of q there.
+        """
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Say what speaks against q before the model is run.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Further points in SI, to search for modes from.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for each doubt.
+        """
+        return ()
+
+
+def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator) -> FittedDensity:
+    """Refuse a log density that does not rise and fall with the density of the draws.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        With the draws.
+    at_draws : ndarray, shape (draw,)
+        The given log density there.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    FittedDensity
+        What was fitted to the draws, in unconstrained coordinates.
+
+    Raises
+    ------
+    InputError
+        If the given log density varies about the fitted one nearly as much as that varies itself.
+    """
+    fitted = FittedDensity.of(law.phi, rng)
+    own = of_fitted(fitted, law, law.flat)
+    gap, spread = np.diff(np.quantile(at_draws - own, (0.16, 0.84)))[0], np.diff(np.quantile(own, (0.16, 0.84)))[0]
+    if not gap <= OTHER_SPREAD * spread:
+        raise InputError(
+            "certify(log_density)",
+            f"a log density that is not that of the draws: over them it varies by {0.5 * gap:.3g} nats about a density that was "
+            f"fitted to them, which itself varies by {0.5 * spread:.3g} nats",
+            "log q of the parameters in SI, of the law that the draws come from, up to a constant",
+            "A log-likelihood, or a density with respect to other coordinates, is none. If you do not know it, leave it out.",
+        )
+    return fitted
+
+
+def of_fitted(fitted: FittedDensity, law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
+    """Log density of a fitted law with respect to the parameters.
+
+    Parameters
+    ----------
+    fitted : FittedDensity
+        In unconstrained coordinates.
+    law : DrawnLaw
+        Whose coordinates these are.
+    theta : ndarray, shape (point, parameter)
+        In SI.
+
+    Returns
+    -------
+    ndarray, shape (point,)
+        −inf outside the support.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        phi = law.bijection.inverse(theta)
+    inside = np.isfinite(phi).all(axis=1)
+    density = np.full(len(theta), -np.inf)
+    density[inside] = fitted.log_density(phi[inside]) - law.bijection(phi[inside])[1]
+    return density

@@ -1,0 +1,166 @@
+"""A density fitted to draws of which none is known: marginals are made normal, rotated, made normal again, and so on.
+
+S. S. Chen & R. A. Gopinath (2000), Gaussianization, Advances in Neural Information Processing Systems 13. In every layer each
+coordinate is mapped by the sinh-arcsinh transformation of M. C. Jones & A. Pewsey (2009), doi 10.1093/biomet/asp053, whose four
+parameters (place, width, skewness, weight of the tails) are those of maximum likelihood. The first layer whitens; the others are
+rotated at random. A composition of such maps has a density that can be evaluated and drawn from.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+MOST_LAYERS = 12
+"""After the first the marginals are normal; each further one finds dependence between them that is not linear."""
+HELD_OUT = 0.2
+"""Share of the draws by which the number of layers is chosen: every layer follows the chance of its draws, too."""
+LARGEST_LOG = 3.0
+"""Largest logarithm of a width or of a weight of tails."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Layer:
+    """z = sinh(δ asinh((R y − ξ)/λ) − ε), y the whitened or rotated coordinates.
+
+    Parameters
+    ----------
+    centre : ndarray, shape (parameter,)
+        Taken away first.
+    rotation : ndarray, shape (parameter, parameter)
+        R; of any determinant.
+    shape : ndarray, shape (4, parameter)
+        ξ, log λ, ε, log δ.
+    """
+
+    centre: np.ndarray
+    rotation: np.ndarray
+    shape: np.ndarray
+
+    def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Coordinates after the layer, and the log determinant of its derivative."""
+        z, slope = _sinh_arcsinh((x - self.centre) @ self.rotation.T, self.shape)
+        return z, slope.sum(axis=1) + np.linalg.slogdet(self.rotation)[1]
+
+    def backward(self, z: np.ndarray) -> np.ndarray:
+        """Coordinates before the layer."""
+        place, log_width, skew, log_tail = self.shape
+        y = place + np.exp(log_width) * np.sinh((np.arcsinh(z) + skew) / np.exp(log_tail))
+        return np.asarray(np.linalg.solve(self.rotation, y.T).T + self.centre)
+
+
+def _sinh_arcsinh(y: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Give z and log dz/dy."""
+    place, log_width, skew, log_tail = shape
+    standard = (y - place) / np.exp(log_width)
+    angle = np.exp(log_tail) * np.arcsinh(standard) - skew
+    # dz/dy = cosh(angle) δ / (λ √(1 + s²)); log cosh a = |a| + log(1 + e^(−2|a|)) − log 2
+    log_cosh = np.abs(angle) + np.log1p(np.exp(-2.0 * np.abs(angle))) - np.log(2.0)
+    return np.sinh(angle), log_cosh + log_tail - log_width - 0.5 * np.log1p(standard**2)
+
+
+def _most_likely(y: np.ndarray) -> np.ndarray:
+    """ξ, log λ, ε, log δ of one coordinate."""
+    begin = np.array([y.mean(), np.log(y.std()), 0.0, 0.0])
+
+    def unlikely(shape: np.ndarray) -> float:
+        z, slope = _sinh_arcsinh(y, shape)
+        with np.errstate(over="ignore"):
+            return float(np.mean(0.5 * z**2 - slope))
+
+    bounds = [(None, None), (begin[1] - LARGEST_LOG, begin[1] + LARGEST_LOG), (-LARGEST_LOG, LARGEST_LOG), (-1.0, 1.0)]
+    return np.asarray(scipy.optimize.minimize(unlikely, begin, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _rotation(dimension: int, rng: np.random.Generator) -> np.ndarray:
+    """A rotation by chance."""
+    return np.asarray(scipy.stats.ortho_group.rvs(dimension, random_state=rng)) if dimension > 1 else np.eye(1)
+
+
+def _layers(x: np.ndarray, rotations: list[np.ndarray]) -> tuple[_Layer, ...]:
+    """A layer that whitens, and one for each rotation, fitted one after another."""
+    layers: list[_Layer] = []
+    for rotation in (np.linalg.inv(np.linalg.cholesky(np.atleast_2d(np.cov(x.T)))), *rotations):
+        centre = x.mean(axis=0)
+        y = (x - centre) @ rotation.T
+        layers.append(_Layer(centre, rotation, np.stack([_most_likely(column) for column in y.T], axis=1)))
+        x = layers[-1].forward(x)[0]
+    return tuple(layers)
+
+
+@dataclass(frozen=True, eq=False)
+class FittedDensity:
+    """A density that was fitted to draws.
+
+    Parameters
+    ----------
+    layers : tuple
+        From the draws to standard normal coordinates.
+    """
+
+    layers: tuple[_Layer, ...]
+
+    @classmethod
+    def of(cls, draws: np.ndarray, rng: np.random.Generator) -> FittedDensity:
+        """Fit a density.
+
+        Parameters
+        ----------
+        draws : ndarray, shape (draw, parameter)
+            In unconstrained coordinates.
+        rng : numpy.random.Generator
+            Chooses the rotations.
+
+        Returns
+        -------
+        FittedDensity
+            The density.
+        """
+        order = rng.permutation(len(draws))
+        held_out, kept = np.split(order, [round(HELD_OUT * len(draws))])
+        dimension = draws.shape[1]
+        rotations = [_rotation(dimension, rng) for _ in range(MOST_LAYERS - 1)]
+        trial = cls(_layers(draws[kept], rotations))
+        likely = [cls(trial.layers[:count]).log_density(draws[held_out]).mean() for count in range(1, MOST_LAYERS + 1)]
+        return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log density, normalised.
+
+        Parameters
+        ----------
+        x : ndarray, shape (point, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            With respect to them.
+        """
+        total = np.zeros(len(x))
+        for layer in self.layers:
+            x, slope = layer.forward(x)
+            total += slope
+        return np.asarray(total - 0.5 * np.sum(x**2, axis=1) - 0.5 * x.shape[1] * np.log(2.0 * np.pi))
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw from it.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        x = rng.standard_normal((count, len(self.layers[0].centre)))
+        for layer in reversed(self.layers):
+            x = layer.backward(x)
+        return x

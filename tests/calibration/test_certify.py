@@ -1,0 +1,213 @@
+"""Draws that somebody else made, against the model: the right ones pass, wrong ones do not, bad input is told."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import structid as si
+from structid.errors import InputError
+
+NAMES = ("a", "b", "c")
+TRUTH, SDS = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.5, 0.2])
+BOX = {name: (-10.0, 10.0) for name in NAMES}
+
+
+def normal(mean=TRUTH, sd=SDS):
+    return lambda theta: scipy.stats.norm.logpdf(theta, mean, sd).sum(axis=1)
+
+
+def posterior():
+    return si.LogDensity(normal(), NAMES, si.ParameterSpace(**{n: si.Uniform(*BOX[n]) for n in NAMES}), BOX)
+
+
+def draws(mean=TRUTH, sd=SDS, count=4000, seed=1):
+    return np.random.default_rng(seed).normal(mean, sd, (count, 3))
+
+
+# --- what is right passes, in every form in which it may come ---------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_draws_with_their_density(seed):
+    found = si.certify(posterior(), draws(seed=seed), lambda x: normal()(x) + 5.0, seed=seed)
+    assert found.certified and found.true_runs == 31 and found.variation.bound < 1e-6, str(found)
+
+
+def test_draws_with_the_values_of_their_density():
+    some = draws()
+    found = si.certify(posterior(), some, normal()(some))
+    assert found.certified and len(found.draws) == 30
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_draws_alone(seed):
+    """20 000 determine a density of some dozens of parameters to 5 %; what is certified is told."""
+    found = si.certify(posterior(), draws(count=20_000, seed=seed), seed=seed)
+    assert found.certified, str(found)
+    assert str(found).startswith("CERTIFIED of a density that was fitted to the draws (61 true runs")
+
+
+def forms(some):
+    xarray = pytest.importorskip("xarray")
+    chains = some.reshape(4, -1, 3)
+    columns = dict(zip(NAMES, np.moveaxis(chains, -1, 0), strict=True))
+    dataset = xarray.Dataset({n: (("chain", "draw"), v) for n, v in columns.items()})
+    millis = xarray.Dataset(
+        {
+            n: (("chain", "draw"), 1e3 * v if n == "a" else v, {"unit": "mm"} if n == "a" else {})
+            for n, v in columns.items()
+        }
+    )
+    return {"chains": chains, "mapping": columns, "Dataset": dataset, "in millimetres": millis}
+
+
+@pytest.mark.parametrize("form", ["chains", "mapping", "Dataset", "in millimetres"])
+def test_forms_of_draws(form):
+    some = draws()
+    plain = si.certify(posterior(), some.reshape(4, -1, 3), normal())
+    found = si.certify(posterior(), forms(some)[form], normal())
+    np.testing.assert_allclose(found.draws, plain.draws, rtol=1e-12)
+    assert found.certified
+
+
+def test_files(tmp_path):
+    pytest.importorskip("xarray")
+    some = draws()
+    np.savetxt(tmp_path / "draws.csv", some, delimiter=",", header="a,b,c", comments="")
+    assert si.certify(posterior(), tmp_path / "draws.csv", normal()).certified
+    result = si.sample(posterior(), si.SMC(particles=200, steps=30, effective_share=0.5, correlation=0.3), seed=1)
+    path = result.to_netcdf(tmp_path / "draws.nc", predictions=False)
+    assert si.certify(posterior(), path, normal()).certified
+    assert si.certify(posterior(), result).certified  # its own target is the density
+
+
+# --- what is wrong does not -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("mean", "sd"),
+    [(TRUTH + 0.25 * SDS * [1, 0, 0], SDS), (TRUTH, SDS * [1, 0.8, 1]), (TRUTH, SDS * [1, 1, 1.2])],
+    ids=["mean off by 0.25 sd", "sd 0.8", "sd 1.2"],
+)
+@pytest.mark.parametrize("told", ["function", "values", "nothing"])
+def test_wrong_posteriors_are_refused(mean, sd, told, seed):
+    some = draws(mean, sd, seed=seed)
+    density = {"function": normal(mean, sd), "values": normal(mean, sd)(some), "nothing": None}[told]
+    found = si.certify(posterior(), some, density, seed=seed)
+    assert not found.certified, str(found)
+
+
+def test_draws_of_another_law_than_the_right_density():
+    """The density is the true one, and the draws are not its draws: weights alone would let them pass."""
+    found = si.certify(posterior(), draws(TRUTH + 0.46 * SDS * [0, 0, 1]), normal())
+    assert not found.certified and found.only_the_draws
+    assert "these are not draws of the given density" in str(found) and "mean of c" in str(found)
+
+
+def test_a_known_point_above_the_draws():
+    """A mode that no draw visits, and somebody has been there."""
+
+    def two(x):
+        return np.logaddexp(normal()(x), normal(TRUTH + 5.0, 0.1 * SDS)(x))
+
+    target = si.LogDensity(two, NAMES, si.ParameterSpace(**{n: si.Uniform(*BOX[n]) for n in NAMES}), BOX)
+    there = (TRUTH + 5.0)[None]
+    unseen = si.certify(target, draws(), normal())
+    assert unseen.certified and "a mode that no true run of any round has touched" in str(unseen)
+    found = si.certify(target, draws(), normal(), known=(there, two(there)))
+    assert found.verdict == "not to be trusted" and "more density than any draw" in str(found)
+
+
+def test_looks_are_counted():
+    bounds = [si.certify(posterior(), draws(), normal(TRUTH + 0.02 * SDS), look=k).variation.bound for k in (1, 2)]
+    assert bounds[1] > bounds[0]
+
+
+# --- the user's own model ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def measured():
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 7.0).scale_to_pga(2.0)
+    oscillator = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=("stiffness", "gamma_ratio"))
+    y = oscillator.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
+    return oscillator, si.Observation(record, y + 0.05 * y.std() * np.random.default_rng(1).normal(size=y.shape))
+
+
+@pytest.fixture(scope="module")
+def space():
+    return si.ParameterSpace(
+        stiffness=si.Normal(7.4, 0.7, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
+    )
+
+
+def external(oscillator, noise=0.0, still=False):
+    rng, calls = np.random.default_rng(0), []
+
+    def respond(parameters, record):
+        calls.append(1)
+        theta = np.array([[parameters["stiffness"], parameters["gamma_ratio"]]])
+        y = oscillator.simulate(theta, record).values[0, :, 0]
+        return np.full_like(y, 0.1) if still else y + noise * rng.standard_normal(y.shape)
+
+    model = si.CallableModel(respond, free=("stiffness", "gamma_ratio"), channels=("velocity",), isolated=False)
+    return model, calls
+
+
+def test_an_external_solver_is_run_once_a_point_and_resumed(measured, space, tmp_path):
+    oscillator, observation = measured
+    sampled = si.sample(si.Posterior(space, oscillator, observation), si.SMC(particles=200, steps=30), seed=2)
+    model, calls = external(oscillator)
+    target = si.Posterior(space, model, observation)
+    found = si.certify(target, sampled, store=tmp_path)
+    assert found.certified and len(calls) == found.true_runs == 31, str(found)
+    again = si.certify(target, sampled, store=tmp_path)
+    assert again.variation == found.variation and len(calls) == 31
+
+
+def test_a_solver_with_noise_is_noticed(measured, space):
+    oscillator, observation = measured
+    sampled = si.sample(si.Posterior(space, oscillator, observation), si.SMC(particles=200, steps=30), seed=2)
+    model, _ = external(oscillator, noise=0.01)
+    found = si.certify(si.Posterior(space, model, observation), sampled)
+    assert not found.certified and "not the same function twice" in str(found)
+
+
+def test_a_solver_that_does_not_move(measured, space):
+    oscillator, observation = measured
+    sampled = si.sample(si.Posterior(space, oscillator, observation), si.SMC(particles=200, steps=30), seed=2)
+    model, _ = external(oscillator, still=True)
+    with pytest.raises(InputError, match="constant in time, in all of 31 runs"):
+        si.certify(si.Posterior(space, model, observation), sampled)
+    with pytest.raises(InputError, match="constant in time, in all of 10 runs"):
+        si.calibrate(model, space, observation)
+
+
+# --- bad input ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "density", "words"),
+    [
+        ({"a": draws()[:, 0], "b": draws()[:, 1], "d": draws()[:, 2]}, None, "draws of a, b, d.*none of c"),
+        (draws()[:, :2], None, r"shape \(4000, 2\).*a column in SI for each of a, b, c"),
+        (draws()[:50], None, "50 draws.*100 or more for 3 parameters"),
+        (1e3 * draws(), None, "outside the support of the priors.*Are they in SI"),
+        (draws() * [1.0, np.nan, 1.0], None, "4000 values that are not finite"),
+        (draws() * [1.0, 0.0, 1.0], None, "all the same in b"),
+        (draws(), lambda x: -0.5 * (x[:, 0] - 4.0) ** 2, "not that of the draws"),
+        (draws(), normal()(draws())[::-1], "not that of the draws"),
+        (draws(), normal()(draws())[:30], r"shape \(30,\).*each of 4000 draws"),
+        (draws(), lambda x: x, r"an array of shape \(4000, 3\).*a log density for each point"),
+        ("nowhere.nc", None, "no file nowhere.nc"),
+    ],
+)  # fmt: skip
+def test_what_bad_input_gets(given, density, words):
+    with pytest.raises(InputError, match=words):
+        si.certify(posterior(), given, density)
+
+
+def test_too_few_true_runs():
+    with pytest.raises(InputError, match="15 or more, best 30"):
+        si.certify(posterior(), draws(), normal(), true_runs=5)
