@@ -14,13 +14,12 @@ import numpy as np
 from structid.calibration.density_of_draws import DensityOfDraws
 from structid.calibration.drawn_laws import DrawnLaw
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
-from structid.calibration.foreign_draws import Draws, draws_of
+from structid.calibration.foreign_draws import Draws, density_with, draws_of
 from structid.calibration.true_runs import Tell, TrueRuns
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
 from structid.streams import Purpose, stream
 
@@ -61,8 +60,9 @@ def certify(
         included; columns by name; an InferenceData, DataTree or Dataset; a netCDF or CSV file; or a result of `sample`.
     log_density : callable or ndarray, optional
         log q up to a constant, with respect to the parameters in SI: a function ``(point, parameter) -> (point,)``, or the values
-        at the draws, shaped as these without the last axis. If it is left out, that of a `SamplingResult` is taken. For other draws
-        a density is fitted, and what is certified is this density.
+        at the draws, shaped as these without the last axis. If it is left out, that of a `SamplingResult` is taken, or the variable
+        ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws a density is fitted, and it is what is
+        certified.
     true_runs : int, optional
         True runs to spend, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
         the tails.
@@ -94,8 +94,7 @@ def certify(
     if true_runs is not None and true_runs < FEWEST_DRAWS:
         raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
     taken = draws_of(draws, posterior.names)
-    if log_density is None and isinstance(draws, SamplingResult):
-        log_density = draws.target.log_density
+    log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
     law = _law(posterior, taken, log_density, rng)
     points = np.empty((0, posterior.dimension)) if known is None else np.asarray(known[0], dtype=np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,35 @@ def draws_of(draws: Draws, names: tuple[str, ...]) -> np.ndarray:
     else:
         found = _columns(np.asarray(draws, dtype=np.float64), names)
     return _checked(found, names)
+
+
+def density_with(draws: Draws) -> Callable[[np.ndarray], np.ndarray] | np.ndarray | None:
+    """Give the log density that comes with draws.
+
+    Parameters
+    ----------
+    draws : SamplingResult, mapping, ndarray, ArviZ object or path
+        As in `draws_of`.
+
+    Returns
+    -------
+    callable, ndarray of shape (chain, draw), or None
+        Of a result, its target's; of a netCDF file the variable ``log_density`` of its group ``sample_stats``, or ``lp`` where
+        structid wrote the file: elsewhere that is the density of other coordinates. None where there is none.
+    """
+    if isinstance(draws, SamplingResult):
+        return draws.target.log_density
+    if not isinstance(draws, (str, os.PathLike)) or Path(draws).suffix.lower() != ".nc":
+        return None
+    import xarray
+
+    try:
+        with xarray.open_dataset(draws, group="sample_stats") as statistics:
+            own = "lp" if statistics.attrs.get("inference_library") == "structid" else ""
+            known = next((name for name in ("log_density", own) if name in statistics), None)
+            return None if known is None else np.asarray(statistics[known].transpose("chain", "draw").values)
+    except (OSError, KeyError, ValueError):
+        return None  # no such group; what is wrong with the file, `draws_of` says
 
 
 def _of_file(path: Path) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from structid.commands import (
+    certify,
     check,
     compare,
     conformance,
@@ -27,6 +28,7 @@ COMMANDS: tuple[Callable[..., None], ...] = (
     report.report,
     compare.compare,
     sbc.sbc,
+    certify.certify,
     runs.runs,
     serve.serve,
     hybrid.hybrid,

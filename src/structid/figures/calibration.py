@@ -128,3 +128,50 @@ def ranks(
         upper.set_ylabel("replicas")
         lower.set_ylabel("ECDF − uniform")
     return finish(figure, save=save)
+
+
+def ratios_over_parameters(
+    draws: np.ndarray,
+    log_ratios: np.ndarray,
+    names: Sequence[str],
+    spread: float,
+    save: str | os.PathLike[str] | None = None,
+) -> Figure:
+    """Draw by how much the model's density exceeds that of the draws, over each parameter.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (draw, parameter)
+        Where the model was run, in the units of the names.
+    log_ratios : ndarray, shape (draw,)
+        log π/q there; −∞ where a true run failed.
+    names : sequence of str
+        The parameters, with their units.
+    spread : float
+        Standard deviation that a certificate allows.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel for each parameter.
+    """
+    from matplotlib.figure import Figure
+
+    across = min(len(names), 3)
+    down = -(-len(names) // across)
+    figure = Figure(figsize=(WIDTH, 0.6 + 2.1 * down), layout="constrained")
+    ran = np.isfinite(log_ratios)
+    middle = np.median(log_ratios[ran]) if ran.any() else 0.0
+    for place, (name, values) in enumerate(zip(names, draws.T, strict=True)):
+        axis = figure.add_subplot(down, across, place + 1)
+        axis.axhspan(-spread, spread, color=MUTED, alpha=0.18, lw=0)
+        axis.axhline(0.0, color=MUTED, lw=0.8)
+        axis.plot(values[ran], log_ratios[ran] - middle, "o", ms=3.5, mew=0, alpha=0.8, color=ACCENT)
+        for failed in values[~ran]:
+            axis.axvline(failed, color=MODEL, lw=0.8, ls=":")
+        axis.set_xlabel(name)
+        if place % across == 0:
+            axis.set_ylabel(r"log $\pi/q$ [nat]")
+    return finish(figure, save=save)

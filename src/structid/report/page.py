@@ -15,6 +15,7 @@ from structid.inference.assessment.verdict import Verdict
 from structid.journal import write_then_rename
 from structid.models.face import Progress
 from structid.report import section_list
+from structid.report.certificate_material import CertificateMaterial
 from structid.report.head import posterior_table, run_table, sentence
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.programme_material import ProgrammeMaterial
@@ -182,6 +183,35 @@ def write_programme_report(
         sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which kept its damage.",
         programme=programme,
         sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material, folder),
+        settings=material.settings,
+        run=versions_table(timings),
+    )
+
+
+def write_certificate_report(material: CertificateMaterial, folder: Path, timings: dict[str, float]) -> Path:
+    """Write ``report.html`` of the certificate of somebody's draws.
+
+    Parameters
+    ----------
+    material : CertificateMaterial
+        The certificate, and where the draws came from.
+    folder : Path
+        Where the page goes.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    return _write(
+        "certificate.html",
+        folder,
+        title=material.title,
+        sentence=f"Draws of {material.source}, judged by runs of the model itself.",
+        certificate=material.certificate,
+        sections=_shown(draw(section_list.OF_A_CERTIFICATE, material, folder / "figures"), material, folder),
         settings=material.settings,
         run=versions_table(timings),
     )

@@ -14,6 +14,7 @@ from structid.report.sections import (
     fitted_surrogate,
     followed_online,
     histories_of_floors,
+    judged_draws,
     law_of_the_errors,
     loops_of_specimen,
     marginals_and_pairs,
@@ -62,3 +63,6 @@ OF_A_PROGRAMME: tuple[Section[Any], ...] = (
     followed_online.SECTION,
 )
 """Made of `ProgrammeMaterial`."""
+
+OF_A_CERTIFICATE: tuple[Section[Any], ...] = (judged_draws.SECTION,)
+"""Made of `CertificateMaterial`."""

@@ -104,6 +104,8 @@ class Certificate(ShownAsText):
         The fresh draws, in SI.
     weights : ndarray, shape (draw,)
         Their weights in averages over the true posterior, which sum to one.
+    log_ratios : ndarray, shape (draw,)
+        log π/q of each, up to a constant; −inf where a true run failed.
     look : int
         1 for the first certificate that was asked for, 2 for one after a refusal, and so on.
     above : float
@@ -133,6 +135,7 @@ class Certificate(ShownAsText):
     shift_error: np.ndarray
     draws: np.ndarray = field(repr=False)
     weights: np.ndarray = field(repr=False)
+    log_ratios: np.ndarray = field(repr=False)
     look: int
     above: float
     excess: float
@@ -213,7 +216,7 @@ class Certificate(ShownAsText):
         dict
             By name.
         """
-        said = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights")}
+        said = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights", "log_ratios")}
         said |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
         return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in said.items()}
 
@@ -279,8 +282,8 @@ def judged(
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, doubts, variation, sd_bound, shift, error, fresh.theta, fresh.weights, look, above, excess, within,
-        failed, true_runs, limits, names,
+        verdict, reasons, doubts, variation, sd_bound, shift, error, fresh.theta, fresh.weights, fresh.log_ratios, look, above,
+        excess, within, failed, true_runs, limits, names,
     )  # fmt: skip
 
 

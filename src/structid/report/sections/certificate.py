@@ -27,14 +27,46 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
         "by a certificate",
     ]
     return [
-        Table("What was asked for", (["", "found", "limit"], _asked(certificate))),
-        Table(
-            f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far "
-            "the draws of the certificate say they are",
-            (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
-        ),
+        what_was_asked(certificate),
+        what_was_bounded(certificate),
         Table("Rounds", (heads, [_round(r) for r in material.calibration.rounds])),
     ]
+
+
+def what_was_asked(certificate: Certificate) -> Table:
+    """Put figures of a certificate beside their limits.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        The certificate.
+
+    Returns
+    -------
+    Table
+        A row for each limit.
+    """
+    return Table("What was asked for", (["", "found", "limit"], _asked(certificate)))
+
+
+def what_was_bounded(certificate: Certificate) -> Table:
+    """Give the bounds of every parameter's moments.
+
+    Parameters
+    ----------
+    certificate : Certificate
+        The certificate.
+
+    Returns
+    -------
+    Table
+        A row for each parameter.
+    """
+    return Table(
+        f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far "
+        "the draws of the certificate say they are",
+        (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
+    )
 
 
 def _asked(certificate: Certificate) -> list[list[str]]:

@@ -1,0 +1,89 @@
+"""The posterior of a study that another program drew, judged by runs of the study's own model."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from structid.calibration.certify import certify
+from structid.campaign.executors import kept_open
+from structid.errors import InputError
+from structid.inference.assessment.certificate import Certificate
+from structid.journal import write_then_rename
+from structid.report.certificate_material import CertificateMaterial
+from structid.report.page import write_certificate_report
+from structid.study.folder import TIMINGS
+from structid.study.run import load
+from structid.study.schema.study_file import study_text
+from structid.study.timings import Stage, StagesAsTold, Timings, silent
+
+CERTIFICATE = "certificate.json"
+"""All figures of the certificate."""
+
+
+def certify_draws(
+    path: str | Path,
+    draws: str | Path,
+    out: str | Path,
+    true_runs: int | None = None,
+    look: int = 1,
+    stage: Stage = silent,
+    executor: Any = None,
+) -> tuple[Certificate, Path]:
+    """Certify draws in a file against a study's model, measurements and priors.
+
+    Parameters
+    ----------
+    path : path-like
+        The study file.
+    draws : path-like
+        A netCDF file of the ArviZ schema, or a CSV with a column for each parameter. If the group ``sample_stats`` has a variable
+        ``log_density``, that is log q at the draws, with respect to the parameters in SI; otherwise a density is fitted.
+    out : path-like
+        Folder for the true runs, ``certificate.json`` and ``report.html``. A killed certificate goes on from there.
+    true_runs, look
+        As in `certify`.
+    stage : callable
+        Opens a progress bar for a named stage.
+    executor : None, str or object
+        Where the runs of an external model are done; see `Campaign.run`.
+
+    Returns
+    -------
+    tuple of Certificate and Path
+        The certificate, and the page.
+
+    Raises
+    ------
+    InputError
+        If the study has no observation, or these are no draws of its parameters.
+    """
+    began = time.perf_counter()
+    study, folder = load(path), Path(out)
+    if study.posterior is None:
+        raise InputError("structid certify", f"a study without [observation]: {path}", "a study with a measurement")
+    folder.mkdir(parents=True, exist_ok=True)
+    posterior = study.posterior
+    with kept_open(study.model, executor) as workers, StagesAsTold(stage, Timings(folder / TIMINGS)) as told:
+        found = certify(
+            posterior,
+            draws,
+            true_runs=true_runs,
+            look=look,
+            seed=study.file.seed,
+            store=folder,
+            executor=workers,
+            progress=told,
+        )
+    write_then_rename(folder / CERTIFICATE, json.dumps(found.to_plain(), indent=2).encode())
+    material = CertificateMaterial(
+        f"Certificate of a posterior: {study.file.title or study.file.name}",
+        study_text(Path(path)),
+        Path(draws).name,
+        found,
+        tuple(posterior.units.values()),
+        posterior.factors,
+    )
+    return found, write_certificate_report(material, folder, {"in all": time.perf_counter() - began})

@@ -1,0 +1,58 @@
+"""structid certify: draws of another program against a study's model."""
+
+import json
+
+import numpy as np
+import pytest
+
+import structid as si
+from commands import structid
+from structid.study.run import load
+from studies import PLAIN, shortened
+
+STUDY = shortened(PLAIN).replace('kind = "auto"', 'kind = "iid"')
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """A study, and draws of its posterior."""
+    folder = tmp_path_factory.mktemp("draws")
+    (folder / "study.toml").write_text(STUDY)
+    posterior = load(folder / "study.toml").posterior
+    result = si.sample(posterior, si.SMC(particles=500, steps=50, effective_share=0.5, correlation=0.3), seed=1)
+    result.to_netcdf(folder / "draws.nc", predictions=False)
+    return folder, result
+
+
+def csv(path, result, shift=0.0):
+    rows = result.flat + shift * result.sd * (np.arange(len(result.names)) == 0)
+    np.savetxt(path, rows, delimiter=",", header=",".join(result.names), comments="")
+
+
+def test_good_draws_with_their_density(drawn):
+    folder, result = drawn
+    called = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
+    assert called.returncode == 0 and "CERTIFIED (31 true runs" in called.stdout, called.stdout + called.stderr
+    page = (folder / "good" / "report.html").read_text()
+    assert "Certified." in page and "Draws of draws.nc" in page and "Where model and draws differ" in page
+    figures = json.loads((folder / "good" / "certificate.json").read_text())
+    assert figures["verdict"] == "certified" and figures["names"] == list(result.names)
+    again = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
+    assert again.returncode == 0
+
+
+def test_wrong_draws_in_a_table(drawn):
+    folder, result = drawn
+    csv(folder / "wrong.csv", result, shift=0.3)
+    called = structid("certify", "study.toml", "wrong.csv", "--out", "wrong", cwd=folder)
+    assert called.returncode == 3 and "of a density that was fitted to the draws" in called.stdout, called.stderr
+    assert "do not use these draws" in (folder / "wrong" / "report.html").read_text()
+
+
+def test_draws_of_another_study(drawn):
+    folder, result = drawn
+    csv(folder / "other.csv", result)
+    text = (folder / "other.csv").read_text().replace(result.names[0], "mass", 1)
+    (folder / "other.csv").write_text(text)
+    called = structid("certify", "study.toml", "other.csv", "--out", "other", cwd=folder)
+    assert called.returncode == 2 and f"There are none of {result.names[0]}" in called.stderr
