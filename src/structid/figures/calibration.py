@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 LARGEST_SHOWN = 30.0
 """Log weights larger than this in magnitude are drawn at this limit, as triangles."""
+USUALLY_SHOWN = 0.3
+"""Likewise over parameters, or three times what four fifths of the points stay within."""
 
 
 @styled
@@ -163,12 +165,17 @@ def ratios_over_parameters(
     down = -(-len(names) // across)
     figure = Figure(figsize=(WIDTH, 0.6 + 2.1 * down), layout="constrained")
     ran = np.isfinite(log_ratios)
-    middle = np.median(log_ratios[ran]) if ran.any() else 0.0
+    above = log_ratios[ran] - np.median(log_ratios[ran])
+    edge = max(USUALLY_SHOWN, 3.0 * float(np.quantile(np.abs(above), 0.8))) if ran.any() else USUALLY_SHOWN
+    beyond = np.abs(above) > edge
     for place, (name, values) in enumerate(zip(names, draws.T, strict=True)):
         axis = figure.add_subplot(down, across, place + 1)
         axis.axhspan(-spread, spread, color=MUTED, alpha=0.18, lw=0)
         axis.axhline(0.0, color=MUTED, lw=0.8)
-        axis.plot(values[ran], log_ratios[ran] - middle, "o", ms=3.5, mew=0, alpha=0.8, color=ACCENT)
+        axis.plot(values[ran][~beyond], above[~beyond], "o", ms=3.5, mew=0, alpha=0.8, color=ACCENT)
+        for marker, some in (("^", beyond & (above > 0.0)), ("v", beyond & (above < 0.0))):
+            axis.plot(values[ran][some], np.clip(above[some], -edge, edge), marker, ms=4.5, mew=0, color=ACCENT)
+        axis.set_ylim(-1.15 * edge, 1.15 * edge)
         for failed in values[~ran]:
             axis.axvline(failed, color=MODEL, lw=0.8, ls=":")
         axis.set_xlabel(name)

@@ -201,12 +201,18 @@ class Certificate(ShownAsText):
             f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} ({limits.mean:g} is "
             f"allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
-            f"  {self.within_reach} stored true runs lie within {limits.reach:g} nats of the best; what was drawn misses at most "
-            f"{max(self.excess, 0.0):.2f} nats there (at most {limits.excess:g})",
+            *([self._said_of_stored_runs] if self.within_reach else []),
             f"  not known: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
         return "\n".join(lines)
+
+    @property
+    def _said_of_stored_runs(self) -> str:
+        return (
+            f"  {self.within_reach} stored true runs lie within {self.limits.reach:g} nats of the best; what was drawn misses at "
+            f"most {max(self.excess, 0.0):.2f} nats there (at most {self.limits.excess:g})"
+        )
 
     def to_plain(self) -> dict[str, Any]:
         """Give all figures except the draws, in a form that JSON can hold.

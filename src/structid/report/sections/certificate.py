@@ -72,12 +72,15 @@ def what_was_bounded(certificate: Certificate) -> Table:
 def _asked(certificate: Certificate) -> list[list[str]]:
     """Figures of a certificate beside their limits."""
     limits, variation = certificate.limits, certificate.variation
+    of_weights = [
+        f"variation χ of the weights, bounded with {100 * variation.confidence:.3g} % confidence (look {certificate.look})",
+        f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
+        f"{limits.mean:.2g} or less",
+    ]
+    if not certificate.within_reach:
+        return [of_weights]
     return [
-        [
-            f"variation χ of the weights, bounded with {variation.confidence:.3%} confidence (look {certificate.look})",
-            f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
-            f"{limits.mean:g} or less",
-        ],
+        of_weights,
         [
             f"density missed at {certificate.within_reach} true runs within {limits.reach:g} nats of the best",
             f"{max(certificate.excess, 0.0):.2f} nats",

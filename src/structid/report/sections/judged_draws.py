@@ -35,7 +35,7 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
             "Every point is a draw at which the model was run: how much more density the model gives it than the law of the draws, "
             "relative to the median, over each parameter. Where the two posteriors are the same, all lie on zero; the band is the "
             "largest standard deviation that a certificate allows. A slope says that a mean is off, a bow that a standard "
-            "deviation is. Dotted lines are draws whose run failed.",
+            "deviation is. Triangles lie beyond the edge, dotted lines are draws whose run failed.",
         )
 
     return [ratios]
