@@ -119,6 +119,18 @@ def test_a_known_point_above_the_draws():
     assert found.verdict == "not to be trusted" and "more density than any draw" in str(found)
 
 
+def test_a_law_that_was_cut_off():
+    """Where q has no density, none of its draws comes; draws of the wider law do, and the model finds something there."""
+    some = draws()
+    some = some[some[:, 0] > TRUTH[0]]
+
+    def cut(x):
+        return np.where(x[:, 0] > TRUTH[0], normal()(x), -np.inf)
+
+    found = si.certify(posterior(), some, cut)
+    assert not found.certified and "no density at all" in str(found)
+
+
 def test_looks_are_counted():
     bounds = [si.certify(posterior(), draws(), normal(TRUTH + 0.02 * SDS), look=k).variation.bound for k in (1, 2)]
     assert bounds[1] > bounds[0]

@@ -101,13 +101,28 @@ def certify(
     doubts = law.doubts(points, seed)
     chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
     truth = _Truth(posterior, chosen.theta, None if store is None else Path(store), executor, progress)
+    inside = np.isfinite(chosen.log_drawn)
     fresh = FreshDraws(
-        chosen.theta, truth.log_density, chosen.log_drawn, chosen.shares, law.population, law.highest, truth.impossible
-    )
-    stored = StoredRuns() if known is None else StoredRuns(np.asarray(known[1]), law.log_density(points))
+        chosen.theta[inside], truth.log_density[inside], chosen.log_drawn[inside], chosen.shares[inside], law.population,
+        law.highest, truth.impossible[inside],
+    )  # fmt: skip
+    # Where q has no density at all, a run is no draw of it; it may show that something is there.
+    runs = (truth.log_density, chosen.log_drawn)
+    if known is not None:
+        runs = np.concatenate([runs[0], known[1]]), np.concatenate([runs[1], law.log_density(points)])
+    stored = _within_reach(*runs, limits)
     doubts = (*doubts, *truth.doubts)
     found = judged(fresh, stored, posterior.names, len(chosen.theta) + 1, look, limits, doubts)
     return replace(found, subject=law.subject)
+
+
+def _within_reach(log_true: np.ndarray, log_drawn: np.ndarray, limits: Limits | None) -> StoredRuns:
+    """Known points near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
+    reach = (Limits() if limits is None else limits).reach
+    if not np.isfinite(log_true).any():
+        return StoredRuns()
+    near = np.isfinite(log_true) & (log_true >= log_true.max() - reach)
+    return StoredRuns(log_true[near], log_drawn[near])
 
 
 def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:

@@ -17,6 +17,8 @@ WIDE_SHARE = 1.0 / 3.0
 """Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
 WIDENED = 1.4
 """Times as wide as the draws is that law, about as wide as q^½."""
+OUTSIDE = 3
+"""Further runs where the wider law reaches beyond the support of q: q may have been cut off."""
 MANY = 4000
 """Draws of each law by which their normalising constants are compared, and so many stand for q at most."""
 
@@ -127,16 +129,18 @@ class DensityOfDraws(DrawnLaw):
         law = IndependenceLaw(many.mean(axis=0)[None, None], WIDENED * factor[None, None], np.ones(1))
         wide = law.draw(rng, MANY)[0]
         own = self._in_coordinates(wide)
-        wide, own = wide[np.isfinite(own)], own[np.isfinite(own)]  # the wider law is that inside q's support
+        inside = np.isfinite(own)  # of the wider law that part is taken which lies in q's support
         some = many[:: max(1, len(many) // MANY)]
-        forward = own - law.log_density(wide[None])[0]
+        forward = own[inside] - law.log_density(wide[None, inside])[0]
         backward = self._in_coordinates(some) - law.log_density(some[None])[0]
         ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t
-        phi = np.concatenate([plain, wide[:wide_count]])
-        density = self._in_coordinates(phi)
-        of_wide = np.exp(law.log_density(phi[None])[0] - density + ratio)
+        phi = np.concatenate([plain, wide[inside][:wide_count], wide[~inside][:OUTSIDE]])
         theta, jacobian = self.bijection(phi)
-        return Chosen(theta, density - jacobian, len(phi) / (len(plain) + wide_count * of_wide))
+        density = self._in_coordinates(phi)
+        with np.errstate(over="ignore"):
+            of_wide = np.exp(law.log_density(phi[None])[0] - density + ratio)  # infinite, and the share zero, outside
+        mixed = len(plain) + wide_count
+        return Chosen(theta, density - jacobian, mixed / (len(plain) + wide_count * of_wide))
 
     def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
         theta, jacobian = self.bijection(phi)

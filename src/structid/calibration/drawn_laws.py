@@ -24,7 +24,7 @@ class Chosen:
     theta : ndarray, shape (point, parameter)
         In SI.
     log_drawn : ndarray, shape (point,)
-        Log density of q there.
+        Log density of q there; −inf outside its support, where the model may find that there is something.
     shares : ndarray, shape (point,)
         What each counts in an average over q.
     """

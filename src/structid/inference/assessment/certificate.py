@@ -319,13 +319,18 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
             f"a stored true run has {above:.1f} nats more density than any draw: the draws have missed where most of it is"
         )
     if excess > limits.excess:
+        more = (
+            f"has {excess:.1f} nats more density than"
+            if np.isfinite(excess)
+            else "lies where there is no density at all in"
+        )
         reasons.append(
-            f"a stored true run within {limits.reach:g} nats of the best has {excess:.1f} nats more density than the surrogate "
-            "gives it: the surrogate's posterior misses a part of the true one"
+            f"a true run within {limits.reach:g} nats of the best {more} the law that was drawn: it misses a part of the true one"
         )
     if hidden:
         reasons.append(
-            f"{hidden} stored true runs further away have far more density than the surrogate gives them: it may hide a mode there"
+            f"{hidden} stored true runs further away have far more density than the law that was drawn gives them: it may hide a "
+            "mode there"
         )
     return tuple(reasons)
 

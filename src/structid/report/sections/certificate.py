@@ -8,6 +8,7 @@ from structid.calibration.calibration_result import Round
 from structid.figures import calibration as figures
 from structid.figures.style import pretty
 from structid.inference.assessment.certificate import Certificate
+from structid.inference.assessment.representation import Representation
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Section, Table
 
@@ -29,6 +30,7 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
     return [
         what_was_asked(certificate),
         what_was_bounded(certificate),
+        *_second_explorer(material.calibration.representation),
         Table("Rounds", (heads, [_round(r) for r in material.calibration.rounds])),
     ]
 
@@ -67,6 +69,25 @@ def what_was_bounded(certificate: Certificate) -> Table:
         "the draws of the certificate say they are",
         (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
     )
+
+
+def _second_explorer(found: Representation | None) -> list[Table]:
+    """How far another explorer of the surrogate's posterior, which is built otherwise, agrees with the draws."""
+    if found is None:
+        return []
+    moments = zip(found.names, found.mean_gap, found.sd_gap, strict=True)
+    rows = [[pretty(name), f"{mean:+.3f}", f"{100.0 * sd:+.1f} %"] for name, mean, sd in moments]
+    tables = [
+        Table(
+            "A second explorer of the surrogate's posterior: it searches for modes and begins at all of them evenly",
+            (["", "its mean lies at [sd]", "its sd is larger by"], rows),
+        )
+    ]
+    if len(found.modes) > 1:
+        shares = zip(found.shares, found.shares_again, strict=True)
+        rows = [[str(mode), f"{own:.2f}", f"{again:.2f}"] for mode, (own, again) in enumerate(shares, start=1)]
+        tables.append(Table("Shares of the modes", (["mode", "of the draws", "of the second explorer's"], rows)))
+    return tables
 
 
 def _asked(certificate: Certificate) -> list[list[str]]:

@@ -1,0 +1,203 @@
+"""The question: whose posterior is right, whose claim of being right is right, and what does it cost in runs of the model.
+
+Run with ``python benchmarks/leaderboard.py [--quick]``. The peers are the dependency group ``peers``; those that are not installed
+are left out. Every run is a process of its own and a line in ``results/leaderboard.jsonl``; what is there is not run again.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from typing import Any
+
+import common
+import numpy as np
+from leaderboard_cases import CASES, Case
+from leaderboard_methods import METHODS, Outcome, installed, quiet
+
+import structid as si
+
+NAME = "leaderboard"
+SEEDS = range(1, 11)
+LONGEST = 1200.0
+"""Seconds after which a run is given up."""
+REFERENCE = si.SMC(particles=1000, steps=100, effective_share=0.5, correlation=0.2)
+LEVELS = (0.05, 0.5, 0.95)
+FALSE = 0.25
+"""Error of a mean in standard deviations, or of a standard deviation as a share, with which a claim is called false."""
+HEADS = [
+    "posterior", "program", "seeds", "true runs", "rounds", "seconds", "error of a mean [sd]", "of an sd", "of a quantile [sd]",
+    "claims", "false claims", "by `certify`",
+]  # fmt: skip
+
+
+def compared(case: Case, outcome: Outcome, reference: Any) -> dict[str, float]:
+    """Largest errors over the parameters."""
+    sd = reference.sd
+    quantiles = np.quantile(outcome.draws, LEVELS, axis=0) - np.quantile(reference.flat, LEVELS, axis=0)
+    return {
+        "mean": float(np.max(np.abs(outcome.draws.mean(axis=0) - reference.mean) / sd)),
+        "sd": float(np.max(np.abs(outcome.draws.std(axis=0) / sd - 1.0))),
+        "quantile": float(np.max(np.abs(quantiles) / sd)),
+    }
+
+
+def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
+    """What 60 true runs say of a peer's draws, asked whether means are within 0.25 sd and sds within 25 %."""
+    if outcome.log_density is None:
+        return ""
+    try:
+        limits = certified_limits()
+        found = si.certify(
+            case.target, outcome.draws, outcome.log_density, true_runs=60, known=outcome.known, limits=limits, seed=seed
+        )
+    except si.InputError:
+        return "refused as input"
+    return "certified" if found.certified else "refused"
+
+
+def certified_limits() -> Any:
+    """Those of `FALSE`."""
+    from structid.inference.assessment.certificate import Limits
+
+    return Limits(mean=FALSE, sd=FALSE)
+
+
+def one(case_word: str, method: str, seed: int, quick: bool) -> None:
+    """One run in this process; its line is printed."""
+    quiet()
+    case = CASES[case_word]()
+    began = time.perf_counter()
+    outcome = METHODS[method](case, seed)
+    seconds = time.perf_counter() - began
+    sampler = si.SMC(particles=100, steps=20) if quick else REFERENCE
+    errors = compared(case, outcome, si.sample(case.target, sampler, seed=99))
+    row = {
+        "case": case_word, "name": case.name, "method": method, "seed": seed, "runs": outcome.runs, "rounds": outcome.rounds,
+        "seconds": seconds, "claims": outcome.claims, **errors, "certify": by_certify(case, outcome, seed),
+    }  # fmt: skip
+    print("ROW " + json.dumps(row))
+
+
+def run_apart(case_word: str, method: str, seed: int, quick: bool) -> dict[str, Any]:
+    """One run in a process of its own; what fails or takes too long is a row, too."""
+    command = [
+        sys.executable,
+        "-W",
+        "ignore",
+        __file__,
+        "--one",
+        case_word,
+        method,
+        str(seed),
+        *(["--quick"] if quick else []),
+    ]
+    failed = {"case": case_word, "method": method, "seed": seed}
+    try:
+        told = subprocess.run(command, capture_output=True, text=True, timeout=LONGEST, check=False)
+    except subprocess.TimeoutExpired:
+        return {**failed, "failed": f"not done after {LONGEST:.0f} s"}
+    lines = [line for line in told.stdout.splitlines() if line.startswith("ROW ")]
+    if not lines:
+        return {**failed, "failed": (told.stderr.strip().splitlines() or ["nothing said"])[-1][:200]}
+    return dict(json.loads(lines[-1][4:]))
+
+
+def done(quick: bool) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """Rows that are on disk."""
+    path = (common.QUICK if quick else common.RESULTS) / f"{NAME}.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.is_file() else []
+    return {(r["case"], r["method"], r["seed"]): r for r in rows if "case" in r and r["version"] == si.__version__}
+
+
+def runs(quick: bool) -> list[dict[str, Any]]:
+    """All rows, seed after seed."""
+    wanted = [
+        (case, method, seed)
+        for seed in ([1] if quick else SEEDS)
+        for case in (["rosenbrock"] if quick else CASES)
+        for method in (["structid"] if quick else METHODS)
+        if installed(method)
+    ]
+    known = {} if quick else done(quick)
+    for key in wanted:
+        if key not in known:
+            known[key] = run_apart(*key, quick)
+            common.record_result(
+                f"{NAME}_runs", quick=quick, version=si.__version__, machine=common.machine(), **known[key]
+            )
+            print(known[key], flush=True)
+    return [known[key] for key in known if key in set(wanted) or not quick]
+
+
+def false(row: dict[str, Any]) -> bool:
+    """Whether a claim is false."""
+    return bool(row["claims"]) and (row["mean"] > FALSE or row["sd"] > FALSE)
+
+
+def rows(found: list[dict[str, Any]]) -> list[list[str]]:
+    """Medians over seeds, and the largest of each in brackets."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = defaultdict(list)
+    for row in found:
+        groups[row["case"], row["method"]].append(row)
+    table = []
+    for case in CASES:
+        for method in METHODS:
+            group = groups.get((case, method), [])
+            good = [r for r in group if "failed" not in r]
+            if not group:
+                continue
+            if not good:
+                table.append([CASES[case]().name, method, str(len(group)), *["–"] * 6, "failed", "", ""])
+                continue
+            judged = [r["certify"] for r in good if r["certify"]]
+            table.append(
+                [
+                    good[0]["name"], method, str(len(group)), spread(good, "runs", "{:,.0f}"), spread(good, "rounds", "{:,.0f}"),
+                    spread(good, "seconds", "{:.0f}"), spread(good, "mean", "{:.2f}"), spread(good, "sd", "{:.0%}"),
+                    spread(good, "quantile", "{:.2f}"), f"{sum(r['claims'] for r in good)} of {len(group)}",
+                    str(sum(map(false, good))), f"{judged.count('certified')} of {len(judged)} certified" if judged else "",
+                ]
+            )  # fmt: skip
+    return table
+
+
+def spread(group: list[dict[str, Any]], key: str, form: str) -> str:
+    """Median, and the largest."""
+    values = [r[key] for r in group]
+    middle, largest = form.format(statistics.median(values)), form.format(max(values))
+    return middle if middle == largest else f"{middle} ({largest})"
+
+
+def main() -> None:
+    if "--one" in sys.argv:
+        place = sys.argv.index("--one")
+        case, method, seed = sys.argv[place + 1 : place + 4]
+        one(case, method, int(seed), "--quick" in sys.argv)
+        return
+    quick = common.is_quick(__doc__.splitlines()[0])
+    table = rows(runs(quick))
+    text = f"""## Leaderboard
+
+`benchmarks/leaderboard.py`. {common.machine("pyvbmc", "gpry", "emcee")}.
+
+Six posteriors; every program with its defaults, in a process of its own. Medians over the seeds, the largest in brackets. PyVBMC,
+GPry and emcee are given the log density with the variance of the errors integrated out, and the priors' quantiles to begin with;
+structid is given model and measurement, and keeps the variance among its parameters. Errors are the largest over the parameters,
+beside tempered SMC on the model itself. A claim ("converged", "certified") is false where a mean is more than {FALSE} posterior
+standard deviations off, or a standard deviation more than {FALSE:.0%}. Last column: what `si.certify` says of a peer's draws after
+60 further runs, asked for those same limits. What stopped with an error or took more than {LONGEST / 60.0:.0f} minutes has failed.
+
+{common.markdown_table(HEADS, table)}
+"""
+    common.record_result(NAME, quick=quick, machine=common.machine(), rows=table)
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
