@@ -113,14 +113,14 @@ def of_a_formula(
     return Case(name, model, space, si.Observation(record, y), respond, variance)
 
 
-def _directions(count: int, length: int = 40) -> np.ndarray:
-    """Orthonormal histories."""
+def directions(count: int, length: int = 40) -> np.ndarray:
+    """Give orthonormal histories, (history, time)."""
     return np.linalg.qr(np.random.default_rng(4).standard_normal((length, count)))[0].T
 
 
 def rosenbrock() -> Case:
     """−(1 − a)² − 100 (b − a²)², with priors N(0, 3) as in PyVBMC's first example."""
-    first, second = _directions(2)
+    first, second = directions(2)
     space = si.ParameterSpace(a=si.Normal(0.0, 3.0), b=si.Normal(0.0, 3.0))
 
     def respond(theta: np.ndarray) -> np.ndarray:
@@ -132,14 +132,14 @@ def rosenbrock() -> Case:
 
 def two_modes() -> Case:
     """a² + 0.2 a = 1.2 at a = 1 and at a = −1.2; the prior makes the first one heavier."""
-    directions = _directions(3)
+    histories = directions(3)
     space = si.ParameterSpace(a=si.Normal(0.5, 1.0), b=si.Normal(0.0, 1.0), c=si.Normal(0.0, 1.0))
 
     def respond(theta: np.ndarray) -> np.ndarray:
         seen = np.stack([theta[:, 0] ** 2 + 0.2 * theta[:, 0], theta[:, 1], theta[:, 2] + 0.5 * theta[:, 1] ** 2])
-        return seen.T @ directions
+        return seen.T @ histories
 
-    y = np.array([1.2, 0.3, -0.4]) @ directions
+    y = np.array([1.2, 0.3, -0.4]) @ histories
     return of_a_formula("two modes, three parameters", space, respond, y, 0.15**2)
 
 

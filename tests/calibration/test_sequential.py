@@ -115,6 +115,21 @@ def test_without_a_store_nothing_is_run_twice(space, model, measured):
     assert result.certificate.certified
 
 
+def test_runs_that_fail_in_the_first_design_are_made_up_for(space, model, measured):
+    """A solver that stops for a third of the prior: ten runs must finish before there is a surrogate."""
+
+    def respond(parameters, record):
+        if parameters["gamma_ratio"] < -0.3:
+            raise RuntimeError("no equilibrium")
+        theta = np.array([[parameters["stiffness"], parameters["gamma_ratio"]]])
+        return model.simulate(theta, record).values[0, :, 0]
+
+    external = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
+    result = si.calibrate(external, space, measured, plan=PLAN, sampler=SAMPLER, seed=1)
+    assert result.certificate.certified and result.rounds[0].training > 10, str(result)
+    assert 10 <= result.runs[np.arange(result.rounds[0].training)].done.sum() <= 12
+
+
 @pytest.mark.slow
 def test_two_records_of_two_lengths_with_correlated_errors(space, model):
     """The right model and law: certified, every point run on both records, the truth within four sds."""

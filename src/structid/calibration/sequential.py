@@ -34,6 +34,7 @@ from structid.journal import Journal
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
 from structid.observation import Observation
+from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
@@ -199,8 +200,7 @@ class _Loop:
 
     def run(self) -> CalibrationResult:
         """Go through the rounds that are stored, and on from there."""
-        self.true.make()
-        self.true.refuse_rest()
+        self._first_runs()
         stored = [] if self.journal is None else list(self.journal)
         while True:
             number, training = len(self.rounds), len(self.true)
@@ -218,6 +218,25 @@ class _Loop:
             certificate = self.rounds[-1].certificate
             if certificate is not None and (certificate.certified or self._left(len(self.true)) < 0):
                 return self._result(number, surrogate)
+
+    def _first_runs(self) -> None:
+        """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others."""
+        self.true.make()
+        while self._room(len(self.true)) and not self._fit_for_a_surrogate():
+            failed = int((~self.true.finished).sum())
+            count = len(self.true) + min(failed, self._left(len(self.true)))
+            further = self.space.sample(count, self.seed, "sobol", self.plan.widen).values
+            self.true.make(further[len(self.true) :])
+        self.true.refuse_rest()
+
+    def _fit_for_a_surrogate(self) -> bool:
+        """Whether enough runs have finished."""
+        design = Design(np.repeat(self.true.points[self.true.finished], len(self.true.records), axis=0), self.space)
+        try:
+            self.settings.check(design, self.true.records, self.posterior.model.channels)
+        except InputError:
+            return False
+        return True
 
     # --- a round ------------------------------------------------------------------------------------------------
 

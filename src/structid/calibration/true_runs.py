@@ -123,6 +123,11 @@ class TrueRuns:
             responses.append(np.where(some.done[:, None, None], values, np.nan))
         return responses
 
+    @property
+    def finished(self) -> np.ndarray:
+        """Points whose runs have finished on every record, shape (point,)."""
+        return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
+
     def collapsed(self, points: slice) -> np.ndarray:
         """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself.
 
