@@ -200,7 +200,8 @@ def main() -> None:
 `benchmarks/attacks.py`. {common.machine()}.
 
 Models and draws that are made to get a wrong certificate, or none where one is due. Errors are those of certified calibrations,
-beside tempered SMC on the model itself. A mode that q has and no true run has touched is found if a draw of the prior lies in its basin.
+beside tempered SMC on the model itself. A mode that q has and no true run has touched is found if a draw of the prior lies in its
+basin.
 
 {common.markdown_table(HEADS, found)}
 """

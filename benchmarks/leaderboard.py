@@ -77,7 +77,7 @@ def one(case_word: str, method: str, seed: int, quick: bool) -> None:
     sampler = si.SMC(particles=100, steps=20) if quick else REFERENCE
     errors = compared(case, outcome, si.sample(case.target, sampler, seed=99))
     row = {
-        "case": case_word, "name": case.name, "method": method, "seed": seed, "runs": outcome.runs, "rounds": outcome.rounds,
+        "case": case_word, "label": case.name, "method": method, "seed": seed, "runs": outcome.runs, "rounds": outcome.rounds,
         "seconds": seconds, "claims": outcome.claims, **errors, "certify": by_certify(case, outcome, seed),
     }  # fmt: skip
     print("ROW " + json.dumps(row))
@@ -157,7 +157,7 @@ def rows(found: list[dict[str, Any]]) -> list[list[str]]:
             judged = [r["certify"] for r in good if r["certify"]]
             table.append(
                 [
-                    good[0]["name"], method, str(len(group)), spread(good, "runs", "{:,.0f}"), spread(good, "rounds", "{:,.0f}"),
+                    good[0]["label"], method, str(len(group)), spread(good, "runs", "{:,.0f}"), spread(good, "rounds", "{:,.0f}"),
                     spread(good, "seconds", "{:.0f}"), spread(good, "mean", "{:.2f}"), spread(good, "sd", "{:.0%}"),
                     spread(good, "quantile", "{:.2f}"), f"{sum(r['claims'] for r in good)} of {len(group)}",
                     str(sum(map(false, good))), f"{judged.count('certified')} of {len(judged)} certified" if judged else "",
