@@ -136,7 +136,7 @@ def main() -> None:
 `benchmarks/calibration.py`. {common.machine()}.
 
 The study `bouc_wen` (a degrading oscillator is measured with 2 % noise, one without degradation is calibrated), POD-Kriging unless
-it says otherwise, `si.calibrate` as it comes: 14 runs in the first design, 10 a round, 30 fresh draws in a certificate, ten of them
+it says otherwise, `si.calibrate` as it comes: 10 runs in the first design, 10 a round, 30 fresh draws in a certificate, ten of them
 tempered. Seconds are those of the whole call, compilation and imports included. Means and standard deviations beside a reference
 of tempered SMC on the model itself with a bulk effective size of 10 000 or more.
 

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import beyond_the_runs, far_apart
 from structid.calibration.exploration import Exploration
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
+from structid.inference.assessment.certificate import Limits
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
 PLAN = si.Plan(true_runs=200, explorer=EXPLORER)
@@ -148,6 +150,48 @@ def test_two_records_of_two_lengths_with_correlated_errors(space, model):
     for name in ("correlation_time_1", "correlation_time_2"):
         k = result.names.index(name)
         assert abs(result.mean[k] - 0.05) < 4.0 * result.sd[k]
+
+
+# --- what a certificate asks of the draws, and of those who ask for it ---------------------------------------------------
+
+
+def test_draws_that_have_not_converged_are_not_certified(space, model, measured):
+    """The surrogate is right, and 80 particles are too few however long they move."""
+    few = replace(EXPLORER, particles=20, steps=1)
+    result = si.calibrate(model, space, measured, plan=SMALL_BUDGET, sampler=few, seed=1)
+    certificate = result.certificate
+    assert not certificate.certified and not result.trusted and certificate.only_the_draws, str(result)
+    assert certificate.variation.bound < 0.1 and "effective sample size" in str(certificate)
+    assert "surrogate and model agree" in str(result.rounds[-1])
+
+
+def test_relaxed_limits_are_a_further_look(calibrated, space, model, measured, tmp_path):
+    assert [earlier_limits(tmp_path, limits) for limits in (Limits(), Limits(mean=0.2), Limits())] == [0, 1, 0]
+    assert earlier_limits(None, Limits(mean=0.2)) == 0
+    result, store = calibrated
+    relaxed = replace(PLAN, limits=Limits(mean=0.2))
+    again = si.calibrate(model, space, measured, plan=relaxed, sampler=SAMPLER, seed=1, store=store)
+    assert again.certificate.look == result.certificate.look + 1
+    assert again.certificate.variation.bound > result.certificate.variation.bound
+    same = si.calibrate(model, space, measured, plan=PLAN, sampler=SAMPLER, seed=1, store=store)
+    assert same.certificate.look == result.certificate.look
+
+
+def test_how_many_runs_a_first_design_and_a_round_have(space, model, measured):
+    posterior = si.Posterior(space, model, measured)
+    assert si.Plan().sized(posterior, si.PODKriging()).sizes == (10, 10)
+    assert si.Plan(start=20, batch=7).sized(posterior, si.PODKriging()).sizes == (20, 7)
+    # As many as a chaos expansion of degree 5 in two parameters asks for: 21 terms.
+    start, _ = si.Plan().sized(posterior, si.PCNARX(degree=5)).sizes
+    assert start > 42
+    names = ("stiffness", "gamma_ratio", "alpha", "beta", "delta_nu", "delta_eta", "damping_ratio")
+    seven = si.ParameterSpace(**{name: si.Uniform(0.1, 0.5) for name in names})
+    wide = si.Posterior(seven, si.BoucWen(mass=12_000.0, free=names), measured)
+    assert si.Plan().sized(wide, si.PODKriging()).sizes == (16, 25)
+    with pytest.raises(InputError, match="46 or more: 16 of the first design"):
+        si.Plan(true_runs=45).sized(
+            si.Posterior(seven, si.BoucWen(mass=12_000.0, free=names), measured), si.PODKriging()
+        )
 
 
 # --- surrogates that must be refused --------------------------------------------------------------------------------
