@@ -182,6 +182,11 @@ class Exploration:
         """Whether that is the posterior itself."""
         return bool(self.exponents[self.trusted] == 1.0)
 
+    @cached_property
+    def deviation(self) -> float:
+        """Root of the mean variance of the log density over the surrogate's own error, where the posterior is [nat]."""
+        return float(np.sqrt(self.variance()))
+
     def variance(self, block: int = -1) -> float:
         """Mean variance of the log density over the surrogate's own error, at particles of a block.
 

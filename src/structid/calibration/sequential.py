@@ -52,6 +52,10 @@ LAWS_FOLDER = "laws"
 LARGEST_OUTSIDE = 0.01
 """Share of the posterior beyond the range of the runs, where a surrogate responds as at the edge, before a certificate."""
 
+SURE = 0.035
+"""Standard deviation of the log density over the surrogate's own error with which a look is worth it, whatever the last round
+showed [nat]: that round's draws train this surrogate."""
+
 FEWEST_IN_A_BATCH = 4
 """A batch of fewer runs before the last certificate is not worth a round."""
 
@@ -272,11 +276,11 @@ class _Loop:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
         training = len(self.true)
         last_chance = not self._room(training)
-        due = last_chance or (bool(self.rounds) and self.rounds[-1].promising)
-        chosen = due and self.law_is_open and self.choice is None
-        if chosen:
-            due = self._choose_law(surrogate) or last_chance
         explored = self._explored(number, surrogate)
+        due = last_chance or self._promising(explored)
+        chosen = due and self.law_is_open and self.choice is None
+        if chosen and not self._choose_law(surrogate):
+            due, explored = last_chance, self._explored(number, surrogate)
         due = due and (explored.outside <= LARGEST_OUTSIDE or last_chance)
         due = due and (not self._final_draws(number, surrogate, training).failures or last_chance)
         rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
@@ -285,7 +289,7 @@ class _Loop:
             batch = certificate_draws(explored, drawn, self.plan.certificate, rng)
         else:
             batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng)
-        sure = float(explored.exponents[explored.trusted]), float(np.sqrt(explored.variance()))
+        sure = float(explored.exponents[explored.trusted]), explored.deviation
         said = {"final": np.array(due), "chosen": np.array(chosen), "sure": np.array(sure)}
         return batch.to_entry() | said
 
@@ -305,6 +309,12 @@ class _Loop:
             known, told = self.true.points[:training], self._told("sampling")
             self.final = number, final_draws(self.posterior.on(surrogate), known, sampler, seed, folder, told)
         return self.final[1]
+
+    def _promising(self, explored: Exploration) -> bool:
+        """Whether a certificate is worth its true runs, by the plain draws of the last round or by the surrogate's own error."""
+        if not self.rounds or self.rounds[-1].certificate is not None or not self.rounds[-1].fresh:
+            return False
+        return self.rounds[-1].promising or bool(explored.sure and explored.deviation <= SURE)
 
     def _room(self, training: int) -> bool:
         """Whether the budget leaves room for another batch before the certificate."""
