@@ -16,7 +16,11 @@ EFFECTIVE_SHARE = 0.3
 
 
 def best_near_the_posterior(
-    found: Sequence[ResponseSpaceSurrogate], posterior: Posterior, theta: np.ndarray, log_true: np.ndarray
+    found: Sequence[ResponseSpaceSurrogate],
+    posterior: Posterior,
+    theta: np.ndarray,
+    log_true: np.ndarray,
+    ran: Sequence[np.ndarray],
 ) -> ResponseSpaceSurrogate:
     """Choose among surrogates that were fitted to the same runs.
 
@@ -29,20 +33,25 @@ def best_near_the_posterior(
     theta : ndarray, shape (run, parameter)
         All runs, with parameters of the discrepancy, in SI.
     log_true : ndarray, shape (run,)
-        Their log densities by their true responses; −inf where a run failed, to which no surrogate was fitted.
+        Their log densities by their true responses; −inf where a run failed.
+    ran : sequence of ndarray of bool, shape (run,)
+        For each observation, to which of its runs the surrogates were fitted.
 
     Returns
     -------
     ResponseSpaceSurrogate
         That with the smallest error near the posterior.
     """
-    ran = np.isfinite(log_true)
-    errors = [error_near_the_posterior(one, posterior, theta[ran], log_true[ran]) for one in found]
+    errors = [error_near_the_posterior(one, posterior, theta, log_true, ran) for one in found]
     return found[int(np.argmin(errors))]
 
 
 def error_near_the_posterior(
-    surrogate: ResponseSpaceSurrogate, posterior: Posterior, theta: np.ndarray, log_true: np.ndarray
+    surrogate: ResponseSpaceSurrogate,
+    posterior: Posterior,
+    theta: np.ndarray,
+    log_true: np.ndarray,
+    ran: Sequence[np.ndarray],
 ) -> float:
     """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.
 
@@ -51,13 +60,15 @@ def error_near_the_posterior(
     Parameters
     ----------
     surrogate : ResponseSpaceSurrogate
-        Fitted to these runs; it must know its leave-one-out residuals.
+        Fitted to some of these runs; it must know its leave-one-out residuals.
     posterior : Posterior
         With the measurements.
     theta : ndarray, shape (run, parameter)
         The runs, with parameters of the discrepancy, in SI.
     log_true : ndarray, shape (run,)
         Their log densities by their true responses.
+    ran : sequence of ndarray of bool, shape (run,)
+        For each observation, to which of its runs.
 
     Returns
     -------
@@ -65,8 +76,12 @@ def error_near_the_posterior(
         Root mean square of τ Δ log π with weights π^τ; τ is such that `EFFECTIVE_SHARE` of the runs count.
     """
     parameters = np.asarray(posterior.model_parameters(theta))
-    responses: Sequence[np.ndarray] = [surrogate.left_out(parameters, o.record) for o in posterior.observations]
-    error = log_true - posterior.given(responses).log_density(theta)
+    responses = [
+        _among_all(surrogate.left_out(parameters[fitted], observation.record), fitted)
+        for observation, fitted in zip(posterior.observations, ran, strict=True)
+    ]
+    with np.errstate(invalid="ignore"):  # both may be −inf
+        error = log_true - posterior.given(responses).log_density(theta)
     exponent, weights = _tempered(log_true)
     known = np.isfinite(error) & (weights > 0.0)
     return float(exponent * np.sqrt(np.average(error[known] ** 2, weights=weights[known]))) if known.any() else np.inf
@@ -87,3 +102,10 @@ def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
         return 1.0, weights(0.0)
     found = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
     return float(np.exp(found)), weights(found)
+
+
+def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:
+    """Responses of some runs in their places among all, NaN elsewhere."""
+    everywhere = np.full((len(ran), *values.shape[1:]), np.nan)
+    everywhere[ran] = values
+    return everywhere

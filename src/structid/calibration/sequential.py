@@ -270,7 +270,8 @@ class _Loop:
             return fit(self.true.runs, told, **further)
         density, theta = self._best_densities(self.last)
         found: list[Any] = [form.fit(self.true.runs, told, **further) for form in forms]
-        return best_near_the_posterior(found, self.posterior, theta, density)
+        ran = [~np.isnan(response).all(axis=(1, 2)) for response in self.true.responses()]
+        return best_near_the_posterior(found, self.posterior, theta, density, ran)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""

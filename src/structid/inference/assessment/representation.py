@@ -24,8 +24,8 @@ from structid.inference.target import Target
 from structid.notebook import ShownAsText
 from structid.streams import Purpose, derived_seed, stream
 
-SCOUTS = 400
-"""Draws of the prior, for each parameter, from which modes are searched for."""
+SCOUTS = 100
+"""Draws of the prior from which modes are searched for, times the square of the number of parameters."""
 NEGLIGIBLE = 1e-3
 """Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
 TOLERANCE = 0.05
@@ -154,7 +154,7 @@ def _modes(
     """All modes that matter, searched for from the draws, from known points and from the prior."""
     scouts = [target.bijection.inverse(known)] if len(known) else []
     if target.knows_prior:
-        scouts.append(target.initial(SCOUTS * target.dimension, rng))
+        scouts.append(target.initial(SCOUTS * target.dimension**2, rng))
     scouts = [points[np.isfinite(points).all(axis=1)] for points in scouts]
     everywhere = np.concatenate([*scouts, np.empty((0, target.dimension))])
     found = all_modes(target, phi, density, everywhere)
