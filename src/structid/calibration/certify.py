@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -139,7 +138,6 @@ class _Truth:
     def __init__(
         self, posterior: Target, theta: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
     ) -> None:
-        self.theta = theta
         twice = np.concatenate([theta, theta[:1]])
         self.impossible = np.zeros(len(theta), dtype=bool)
         if isinstance(posterior, Posterior):
@@ -157,7 +155,7 @@ class _Truth:
         """Log π at the points, −inf where a run failed."""
         return np.where(np.isfinite(self.both[:-1]), self.both[:-1], -np.inf)
 
-    @cached_property
+    @property
     def doubts(self) -> tuple[str, ...]:
         """That the same point, run twice, has two densities."""
         difference = abs(self.both[-1] - self.both[0])

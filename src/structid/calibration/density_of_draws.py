@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from structid.calibration.drawn_laws import Chosen, DrawnLaw, refuse_another
+from structid.calibration.drawn_laws import MANY, Chosen, DrawnLaw, refuse_another
 from structid.errors import InputError
 from structid.inference.assessment.representation import represented
 from structid.inference.sampling.bridge import bennett_ratio
@@ -19,8 +19,6 @@ WIDENED = 1.4
 """Times as wide as the draws is that law, about as wide as q^½."""
 OUTSIDE = 3
 """Further runs where the wider law reaches beyond the support of q: q may have been cut off."""
-MANY = 4000
-"""Draws of each law by which their normalising constants are compared, and so many stand for q at most."""
 
 
 class DensityOfDraws(DrawnLaw):
@@ -47,16 +45,6 @@ class DensityOfDraws(DrawnLaw):
         self.function = function
         self.at_draws = self.log_density(self.flat)
         refuse_another(self, self.at_draws, rng)
-
-    @property
-    def population(self) -> np.ndarray:
-        """The draws, or some thousand of them."""
-        return self.flat[:: max(1, len(self.flat) // MANY)]
-
-    @property
-    def highest(self) -> float:
-        """Largest log density at a draw."""
-        return float(self.at_draws.max())
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log density; see `DrawnLaw.log_density`.
@@ -101,7 +89,7 @@ class DensityOfDraws(DrawnLaw):
             Draws of the mixture g of both laws, each of which counts q/g.
         """
         wide_count = round(WIDE_SHARE * count)
-        rows = rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[: count - wide_count]
+        rows = self.distinct(count - wide_count, rng)
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
 
     def beside_wider_ones(

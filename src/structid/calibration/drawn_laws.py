@@ -11,6 +11,8 @@ from structid.errors import InputError
 from structid.inference.assessment.fitted_density import FittedDensity
 from structid.inference.target import Target
 
+MANY = 4000
+"""Draws that stand for a law at most."""
 OTHER_SPREAD = 0.7
 """Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
 
@@ -52,6 +54,8 @@ class DrawnLaw(ABC):
 
     subject = ""
     """What is certified, where it is not the draws."""
+    at_draws: np.ndarray
+    """Log density of q at draws of it, shape (draw,)."""
     enough = 30
     """True runs that mostly decide."""
 
@@ -71,14 +75,31 @@ class DrawnLaw(ABC):
             )
 
     @property
-    @abstractmethod
     def population(self) -> np.ndarray:
         """Many draws of q, (draw, parameter), in SI."""
+        return self.flat[:: max(1, len(self.flat) // MANY)]
 
     @property
-    @abstractmethod
     def highest(self) -> float:
-        """Largest log density of q among them."""
+        """Largest log density of q at a draw."""
+        return float(self.at_draws.max())
+
+    def distinct(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Choose some draws by chance, none twice.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray of int, shape (count,)
+            Rows of all draws.
+        """
+        return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
 
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:

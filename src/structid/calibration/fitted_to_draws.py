@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from structid.calibration.density_of_draws import WIDE_SHARE, DensityOfDraws
@@ -16,7 +18,7 @@ MOMENTS = 0.1
 """Error of a mean in standard deviations, or of a standard deviation, from which on a fitted density is not that of the draws."""
 
 
-class ValuesAtDraws(DensityOfDraws):
+class ValuesAtDraws(DrawnLaw):
     """The log density of q is known at the draws only.
 
     Parameters
@@ -30,7 +32,7 @@ class ValuesAtDraws(DensityOfDraws):
     """
 
     def __init__(self, posterior: Target, draws: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> None:
-        DrawnLaw.__init__(self, posterior, draws)
+        super().__init__(posterior, draws)
         flat = np.asarray(values, dtype=np.float64).ravel()
         if flat.shape != (len(self.flat),) or not np.isfinite(flat).all():
             raise InputError(
@@ -72,25 +74,8 @@ class ValuesAtDraws(DensityOfDraws):
         Chosen
             Each counts one.
         """
-        rows = rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
+        rows = self.distinct(count, rng)
         return Chosen(self.flat[rows], self.at_draws[rows], np.ones(len(rows)))
-
-    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
-        """None: what is known at draws alone cannot be explored; see `DrawnLaw.doubts`.
-
-        Parameters
-        ----------
-        known : ndarray, shape (point, parameter)
-            Not used.
-        seed : int
-            Not used.
-
-        Returns
-        -------
-        tuple of str
-            Empty.
-        """
-        return ()
 
 
 class FittedToDraws(DensityOfDraws):
@@ -113,7 +98,7 @@ class FittedToDraws(DensityOfDraws):
         self.many = self.fitted.draw(FITTED_DRAWS, rng)
         self.at_draws = self.log_density(self.population)
 
-    @property
+    @cached_property
     def population(self) -> np.ndarray:
         """Draws of the fitted density."""
         return np.asarray(self.bijection(self.many)[0])

@@ -9,7 +9,7 @@ They know nothing of the masses that the first explorer gave to the modes, and l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import logsumexp
@@ -58,8 +58,6 @@ class Representation(ShownAsText):
         log Z of the second explorer less that of the first; NaN where the first knows none.
     failures : tuple of str
         In what they disagree, one sentence each.
-    again : ndarray, shape (step, ensemble, walker, parameter)
-        Draws of the second explorer, in SI.
     """
 
     names: tuple[str, ...]
@@ -70,7 +68,6 @@ class Representation(ShownAsText):
     sd_gap: np.ndarray
     evidence_gap: float
     failures: tuple[str, ...]
-    again: np.ndarray = field(repr=False)
 
     @property
     def agreed(self) -> bool:
@@ -144,7 +141,6 @@ def represented(
             *_apart_in_moments(target.names, draws, again),
             *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
         ),
-        again,
     )
 
 
