@@ -8,7 +8,7 @@ import pytest
 
 import structid as si
 from structid.calibration.asked_limits import earlier_limits
-from structid.calibration.batch import beyond_the_runs, far_apart
+from structid.calibration.batch import beyond_the_runs, far_apart, next_batch
 from structid.calibration.exploration import Exploration
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
@@ -287,6 +287,24 @@ def test_particles_that_never_moved_are_one_point(space, model, measured):
     twice = {"phi": np.repeat(phi, 5, axis=0)[None, None]}
     chosen = Exploration(posterior, None, [twice]).distinct(0, 10, np.random.default_rng(1))
     assert len(chosen) == len(np.unique(chosen, axis=0)) == 4
+
+
+def test_a_surrogate_that_is_sure_of_nothing_yet_is_taught_on_the_way(space, model, measured):
+    """Whatever the exponent, its own error is larger than it can tell posteriors apart: half of the points are the prior's."""
+    posterior = si.Posterior(space, model, measured)
+    phi = posterior.bijection.inverse(posterior.space.sample(60, seed=1).values)
+    density = np.zeros((1, 1, len(phi)))
+    blocks = [{"phi": phi[None, None], "exponent": np.array([e]), "log_density": density} for e in (0.0, 1e-4, 1.0)]
+
+    class Unsure(Exploration):
+        def variance(self, block=-1):
+            """Infinite, as where responses have no density."""
+            return np.inf
+
+    explored = Unsure(posterior, None, blocks)
+    assert not explored.sure and explored.nearest(0.0) == 0
+    batch = next_batch(explored, posterior.model_space.sample(5, seed=2).values, 10, np.random.default_rng(1))
+    assert len(batch.fresh) == 0 and 5 <= len(batch.others) <= 10
 
 
 # --- pieces ---------------------------------------------------------------------------------------------------------

@@ -20,6 +20,9 @@ SAMPLED_RESPONSES = 8
 PARTICLES_ASKED = 64
 """Particles of a stage at which that is done."""
 
+SMALLEST_EXPONENT = 1e-300
+"""Of a likelihood, where exponents are compared by their logarithms: the prior's is 0."""
+
 LARGEST_VARIANCE = 1.0
 """Of a tempered log density, by the surrogate's own error: beyond it, draws of it are draws of the error."""
 
@@ -60,8 +63,8 @@ class Exploration:
         int
             Its place.
         """
-        known = np.log(np.maximum(self.exponents, 1e-300))
-        return int(np.argmin(np.abs(known - np.log(exponent))))
+        known, asked = np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)), np.log(max(exponent, SMALLEST_EXPONENT))
+        return int(np.argmin(np.abs(known - asked)))
 
     def particles(self, block: int = -1) -> np.ndarray:
         """Where the particles are at the end of a block, in unconstrained coordinates.
@@ -171,7 +174,7 @@ class Exploration:
     def trusted(self) -> int:
         """The last block whose tempered log density varies by less than `LARGEST_VARIANCE` with the surrogate's own error."""
         last = len(self.blocks) - 1
-        stages = [int(np.flatnonzero(self.exponents == e)[-1]) for e in np.unique(self.exponents)]
+        stages = [int(np.flatnonzero(self.exponents == e)[-1]) for e in np.unique(self.exponents) if e > 0.0]
         for block in reversed(stages):
             if self.exponents[block] ** 2 * self.variance(block) <= LARGEST_VARIANCE:
                 return last if self.exponents[block] == 1.0 else block

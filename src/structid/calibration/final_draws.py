@@ -22,7 +22,7 @@ USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.
 
 MORE_CAREFUL = (
     USUAL_SAMPLER,
-    replace(USUAL_SAMPLER, particles=1000, correlation=0.2),
+    replace(USUAL_SAMPLER, particles=1000, correlation=0.2, steps=150),
     replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
 )
 """What it is followed by while draws have not converged: along a narrow ridge particles move slowly."""

@@ -55,3 +55,22 @@ def test_a_model_that_stands_for_itself_has_no_error_to_add(short_posterior):
     p = short_posterior
     with_it = si.Posterior(p.model_space, p.model, p.observations, p.discrepancy, model_error=True)
     np.testing.assert_allclose(with_it.log_likelihood(theta), p.log_likelihood(theta), rtol=1e-12)
+
+
+def test_many_components_of_several_channels_are_compiled(short_posterior):
+    """Rows of the modes are long then: 3 channels × 99 components. Against the law given the responses themselves."""
+    record, space = short_posterior.observations[0].record, short_posterior.model_space
+    model = short_posterior.model.recording("displacement", "velocity", "restoring_force")
+    design = space.sample(100, seed=2)
+    surrogate = si.PODKriging(limit=1.0, left_out_energy=0.0, outside="allow").fit(
+        si.Campaign(model, record, design).run()
+    )
+    fit = surrogate.records[record.content_hash]
+    assert len(fit.modes) * len(fit.scale) > 256
+    values = model.simulate(space.sample(1, seed=3).values, record).values[0]
+    law = si.AR1(variance=1e-4, white=1e-5, correlation_time=0.05)
+    posterior = si.Posterior(space, surrogate, si.Observation(record, values, model.channels), law)
+    assert posterior.in_lanes
+    theta = space.sample(20, seed=4).values
+    given = posterior.given([surrogate.simulate(theta, record).values])
+    np.testing.assert_allclose(posterior.log_density(theta), given.log_density(theta), rtol=1e-9)

@@ -39,7 +39,10 @@ LARGEST_ARRAY = 4096
 """Largest array whose numbers are operated on one by one."""
 
 LARGEST_ROW = 256
-"""Largest part of a history, or row of a shared array, whose numbers are operated on one by one."""
+"""Largest part of a history whose numbers are operated on one by one, and largest row of a shared array that is loaded whole."""
+
+LARGEST_SHARED_ROW = 2048
+"""Largest row of a shared array whose numbers are operated on one by one: hundreds of components of three channels."""
 
 ALONG_HISTORIES = {"add", "sub", "mul", "div", "neg", "abs", "sqrt", "exp", "log", "square", "integer_pow"}
 """Arithmetic that is done in a loop where it takes a whole history."""
@@ -169,7 +172,7 @@ class Translator:
             places = [self.code.address(value.place, i, lanes=True) for i in range(size_of(value))]
             return array_of([self.code.load(place, lanes=True) for place in places], value.shape)
         if isinstance(value, SharedRow):
-            if size_of(value) > LARGEST_ROW:
+            if size_of(value) > LARGEST_SHARED_ROW:
                 raise UntranslatableError("arithmetic on a long row of an array")
             return array_of(self.shared.at(value.place, size_of(value)), value.shape)
         if value.values.size > LARGEST_ARRAY or value.values.dtype not in (np.float64, np.bool_):
