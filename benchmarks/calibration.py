@@ -66,7 +66,7 @@ def row(label: str, limit: str, record: si.GroundMotion, reference: Any, seed: i
         mean = sd = "–"
     spent = f"{result.training_runs} + {c.true_runs - result.training_runs}"
     return [
-        f"{label}, {seed}", c.verdict, spent, str(len(result.rounds)), f"{seconds:.0f}", f"{c.variation.estimate:.3f}",
+        f"{label}, {seed}", c.verdict, spent, str(result.depth), f"{seconds:.0f}", f"{c.variation.estimate:.3f}",
         f"{c.variation.bound:.3f}", f"{c.sd_bound.max():.1%}", mean, sd, limit,
     ]  # fmt: skip
 

@@ -75,9 +75,7 @@ def structid(case: Case, seed: int) -> Outcome:
     """`si.calibrate` as it comes."""
     result = si.calibrate(case.model, case.space, case.observation, discrepancy=case.law, seed=seed)
     dimension, certificate = case.space.dimension, result.certificate
-    return Outcome(
-        result.sampling.flat[:, :dimension], certificate.certified, certificate.true_runs, len(result.rounds)
-    )
+    return Outcome(result.sampling.flat[:, :dimension], certificate.certified, certificate.true_runs, result.depth)
 
 
 def pyvbmc(case: Case, seed: int) -> Outcome:

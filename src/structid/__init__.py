@@ -21,6 +21,7 @@ _PUBLIC = {
     "CallableModel": "solvers.callable",
     "Campaign": "campaign.runner",
     "Certificate": "inference.assessment.certificate",
+    "Limits": "inference.assessment.certificate",
     "CombinedExcitation": "ground_motion.excitation",
     "DampedCosine": "inference.likelihood.kernels",
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",

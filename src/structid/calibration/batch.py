@@ -15,7 +15,8 @@ PLAIN_SHARE = 0.5
 """Share of a batch that are plain draws of the posterior: they show how good its surrogate is before they improve it."""
 
 AHEAD = 100.0
-"""Times the exponent up to which the surrogate is sure, from where half of a batch on the way comes."""
+"""Times the exponent up to which the surrogate is sure, from where a batch on the way comes. A surrogate that is unsure of large
+regions is often good in the small one that matters."""
 
 POPULATION = 4000
 """Draws that a certificate's statement reckons with at most."""
@@ -169,8 +170,8 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     Batch
         Where the surrogate is sure of its posterior, half are plain draws and half draws of a wider law: first those that bring
         the posterior inside the range of the runs, then those where the surrogate's own uncertainty of the log density times the
-        distance to known points is largest. Where it is not, half come from the last tempered posterior of which it is sure, and
-        half from one of an exponent a hundred times as large, far from known points.
+        distance to known points is largest. Where it is not, they come from a tempered posterior of 100 times the exponent up to
+        which it is sure, far from known points; first those that bring the sure one inside the range of the runs.
     """
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
@@ -191,18 +192,16 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
-    """Points of the tempered posteriors beside which the surrogate begins to be unsure."""
+    """Points of a tempered posterior that lies well ahead of the last one of which the surrogate is sure."""
     posterior = explored.posterior
     dimension = posterior.model_space.dimension
-    further = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
-    theta = explored.draws(explored.trusted)[:, :dimension]
-    found = [theta[beyond_the_runs(theta, theta, known)][: count // 2]]
-    for block, share in ((explored.trusted, count // 2 - len(found[0])), (further, count - count // 2)):
-        phi = explored.distinct(block, CANDIDATES, rng)
-        theta = posterior.bijection(phi)[0][:, :dimension]
-        taken = np.concatenate([known, *found])
-        found.append(theta[far_apart(_scores(posterior, theta), _scores(posterior, taken), share)])
-    return _batch(explored, np.empty((0, posterior.dimension)), np.empty(0), np.concatenate(found))
+    ahead = max(explored.trusted + 1, explored.nearest(min(1.0, AHEAD * explored.exponents[explored.trusted])))
+    trusted = explored.draws(explored.trusted)[:, :dimension]
+    edges = trusted[beyond_the_runs(trusted, trusted, known)][: count // 2]
+    theta = posterior.bijection(explored.distinct(ahead, CANDIDATES, rng))[0][:, :dimension]
+    taken = _scores(posterior, np.concatenate([known, edges]))
+    others = np.concatenate([edges, theta[far_apart(_scores(posterior, theta), taken, count - len(edges))]])
+    return _batch(explored, np.empty((0, posterior.dimension)), np.empty(0), others)
 
 
 def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: np.ndarray) -> Batch:

@@ -50,6 +50,8 @@ class Round:
         log π_true/π_surrogate of the fresh draws, −∞ where the true run failed.
     shares : ndarray, shape (draw,)
         What each fresh draw counts in an average over the surrogate's posterior.
+    again : bool
+        Whether the fresh draws are those of the certificate before, each left out in turn: the round has run nothing.
     """
 
     number: int
@@ -64,6 +66,7 @@ class Round:
     certificate: Certificate | None
     log_weights: np.ndarray = field(repr=False)
     shares: np.ndarray = field(repr=False)
+    again: bool = False
 
     @property
     def promising(self) -> bool:
@@ -74,7 +77,8 @@ class Round:
     def __str__(self) -> str:
         told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
         if self.fresh:
-            told += f"spread of log w {self.spread:.2g} at {self.fresh} fresh draws"
+            which = "the same draws, each left out in turn" if self.again else "fresh draws"
+            told += f"spread of log w {self.spread:.2g} at {self.fresh} {which}"
         else:
             told += f"sure of its posterior up to an exponent of {self.exponent:.2g} of the likelihood"
         return told + (f": {self.certificate.agreement}" if self.certificate is not None else "")
@@ -122,6 +126,11 @@ class CalibrationResult:
     def training_runs(self) -> int:
         """Points the last surrogate was fitted to."""
         return self.rounds[-1].training
+
+    @property
+    def depth(self) -> int:
+        """Rounds of true runs that had to wait for one another, the first design left out."""
+        return sum(not r.again for r in self.rounds)
 
     @property
     def enough_to_go_on(self) -> int:

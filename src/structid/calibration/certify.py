@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import scipy
 
 from structid.calibration.density_of_draws import DensityOfDraws
 from structid.calibration.drawn_laws import DrawnLaw
@@ -105,12 +106,12 @@ def certify(
         chosen.theta[inside], truth.log_density[inside], chosen.log_drawn[inside], chosen.shares[inside], law.population,
         law.highest, truth.impossible[inside],
     )  # fmt: skip
-    # Where q has no density at all, a run is no draw of it; it may show that something is there.
-    runs = (truth.log_density, chosen.log_drawn)
+    runs = (fresh.log_true, fresh.log_drawn)
     if known is not None:
         runs = np.concatenate([runs[0], known[1]]), np.concatenate([runs[1], law.log_density(points)])
     stored = _within_reach(*runs, limits)
-    doubts = (*doubts, *truth.doubts)
+    # Where q has no density at all, a run is no draw of it; it may show that something is there.
+    doubts = (*doubts, *truth.doubts, *_cut_off(truth.log_density, inside, posterior.dimension, limits or Limits()))
     found = judged(fresh, stored, posterior.names, len(chosen.theta) + 1, look, limits, doubts)
     return replace(found, subject=law.subject)
 
@@ -122,6 +123,25 @@ def _within_reach(log_true: np.ndarray, log_drawn: np.ndarray, limits: Limits | 
         return StoredRuns()
     near = np.isfinite(log_true) & (log_true >= log_true.max() - reach)
     return StoredRuns(log_true[near], log_drawn[near])
+
+
+def _cut_off(log_true: np.ndarray, inside: np.ndarray, dimension: int, limits: Limits) -> tuple[str, ...]:
+    """Say where q ends although π is still high.
+
+    If a share δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
+    √(δ/(1 − δ)) standard deviations at most. Of a normal law that is cut off h nats below its highest density, δ = P(χ²_d > 2h) is
+    missing.
+    """
+    if inside.all() or not np.isfinite(log_true[inside]).any():
+        return ()
+    depth = float(log_true[inside].max() - log_true[~inside].max())
+    missing = float(scipy.stats.chi2.sf(2.0 * max(depth, 0.0), dimension))
+    if missing <= limits.mean**2 / (1.0 + limits.mean**2):
+        return ()
+    return (
+        f"the given density ends where the posterior is still high: at a point that it excludes, the log density of the model is "
+        f"{depth:.2g} nats below the highest. Of a normal law that ends there {missing:.0%} would be missing",
+    )
 
 
 def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:

@@ -8,17 +8,19 @@ import numpy as np
 
 from structid.calibration.drawn_laws import MANY, Chosen, DrawnLaw, refuse_another
 from structid.errors import InputError
+from structid.inference.assessment.fitted_density import WidenedDensity
 from structid.inference.assessment.representation import represented
 from structid.inference.sampling.bridge import bennett_ratio
-from structid.inference.sampling.moves import IndependenceLaw
 from structid.inference.target import Target
 
 WIDE_SHARE = 1.0 / 3.0
 """Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
 WIDENED = 1.4
 """Times as wide as the draws is that law, about as wide as q^½."""
-OUTSIDE = 3
-"""Further runs where the wider law reaches beyond the support of q: q may have been cut off."""
+SEARCHED = 20_000
+"""Draws of the fitted density among which points beyond the support of q are looked for: q may have been cut off."""
+DEEPEST = 100.0
+"""Nats below its highest density from where on q counts as zero."""
 
 
 class DensityOfDraws(DrawnLaw):
@@ -44,7 +46,7 @@ class DensityOfDraws(DrawnLaw):
         super().__init__(posterior, draws)
         self.function = function
         self.at_draws = self.log_density(self.flat)
-        refuse_another(self, self.at_draws, rng)
+        self.fitted = refuse_another(self, self.at_draws, rng)
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log density; see `DrawnLaw.log_density`.
@@ -95,44 +97,52 @@ class DensityOfDraws(DrawnLaw):
     def beside_wider_ones(
         self, plain: np.ndarray, wide_count: int, many: np.ndarray, rng: np.random.Generator
     ) -> Chosen:
-        """Put draws of a wider law, one of Student, beside draws of q.
+        """Put draws of a wider law beside draws of q, and points beyond q's support.
 
         Parameters
         ----------
         plain : ndarray, shape (draw, parameter)
             Draws of q, in unconstrained coordinates.
         wide_count : int
-            How many draws of the wider law.
+            How many others, up to a half of them beyond q's support.
         many : ndarray, shape (draw, parameter)
-            Draws of q that say how wide it is, likewise.
+            Draws of q, likewise, by which q is compared with the wider law.
         rng : numpy.random.Generator
             Source of randomness.
 
         Returns
         -------
         Chosen
-            Draws of the mixture g of both laws, each of which counts q/g.
+            Draws of the mixture g of both laws, each of which counts q/g, and last the points beyond.
         """
-        factor = np.linalg.cholesky(np.atleast_2d(np.cov(many.T)))
-        law = IndependenceLaw(many.mean(axis=0)[None, None], WIDENED * factor[None, None], np.ones(1))
-        wide = law.draw(rng, MANY)[0]
+        beyond = self._beyond(wide_count // 2, rng)
+        wide_count -= len(beyond)
+        wider = WidenedDensity(self.fitted, WIDENED)
+        wide = wider.draw(MANY, rng)
         own = self._in_coordinates(wide)
         inside = np.isfinite(own)  # of the wider law that part is taken which lies in q's support
         some = many[:: max(1, len(many) // MANY)]
-        forward = own[inside] - law.log_density(wide[None, inside])[0]
-        backward = self._in_coordinates(some) - law.log_density(some[None])[0]
+        forward = own[inside] - wider.log_density(wide[inside])
+        backward = self._in_coordinates(some) - wider.log_density(some)
         ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t
-        phi = np.concatenate([plain, wide[inside][:wide_count], wide[~inside][:OUTSIDE]])
+        phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
         theta, jacobian = self.bijection(phi)
         density = self._in_coordinates(phi)
         with np.errstate(over="ignore"):
-            of_wide = np.exp(law.log_density(phi[None])[0] - density + ratio)  # infinite, and the share zero, outside
+            of_wide = np.exp(wider.log_density(phi) - density + ratio)  # infinite, and the share zero, beyond
         mixed = len(plain) + wide_count
         return Chosen(theta, density - jacobian, mixed / (len(plain) + wide_count * of_wide))
 
+    def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws of the density fitted to the draws that lie beyond q's support: near where it cuts through them."""
+        drawn = self.fitted.draw(SEARCHED, rng)
+        return np.asarray(drawn[~np.isfinite(self._in_coordinates(drawn))][:count])
+
     def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
+        """Log density with respect to φ; −inf where it is next to nothing: e^800 is no number."""
         theta, jacobian = self.bijection(phi)
-        return np.asarray(self.log_density(theta) + jacobian)
+        density = self.log_density(theta)
+        return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
     def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
         """Explore q a second time; see `DrawnLaw.doubts`.

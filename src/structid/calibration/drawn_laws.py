@@ -171,8 +171,14 @@ def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator
     Raises
     ------
     InputError
-        If the given log density varies about the fitted one nearly as much as that varies itself.
+        If the given log density is not finite at a draw, or varies about the fitted one nearly as much as that varies itself.
     """
+    if not np.isfinite(at_draws).all():
+        raise InputError(
+            "certify(log_density)",
+            f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
+            "a finite one at every draw: no law has draws where its density is zero",
+        )
     fitted = FittedDensity.of(law.phi, rng)
     own = of_fitted(fitted, law, law.flat)
     gap, spread = np.diff(np.quantile(at_draws - own, (0.16, 0.84)))[0], np.diff(np.quantile(own, (0.16, 0.84)))[0]

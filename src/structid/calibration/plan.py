@@ -21,7 +21,7 @@ FIRST_DESIGN = (2, 2)
 FEWEST = 10
 """Points of a first design."""
 
-IN_A_ROUND, FURTHER, AMONG = 10, 5, 4
+IN_A_ROUND, FURTHER, AMONG = 10, 4, 4
 """Points in a round, and so many further ones for each parameter above so many."""
 
 ENLARGED = 1.25
@@ -42,7 +42,7 @@ class Plan:
         Points of the first design. When left out, two and two for each parameter, at least ten, or as many as the surrogate asks
         for.
     batch : int, optional
-        Points added in each round. When left out, ten for up to four parameters, and five more for each further one. Who can run
+        Points added in each round. When left out, ten for up to four parameters, and four more for each further one. Who can run
         many at once may ask for as many: fewer rounds, and more runs. With less than half of that a surrogate of many parameters
         may never come near the posterior.
     certificate : int

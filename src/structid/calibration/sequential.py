@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,11 @@ import numpy as np
 from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
+from structid.calibration.cross_judged import judged_in_turn
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
-from structid.calibration.forms import best_near_the_posterior
-from structid.calibration.nearness import nearness
 from structid.calibration.plan import Plan
+from structid.calibration.surrogate_fits import SurrogateFits, best_densities
 from structid.calibration.true_runs import Tell, TrueRuns
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
@@ -30,6 +30,7 @@ from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Block, Sampler
+from structid.inference.sampling_result import SamplingResult
 from structid.journal import Journal
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
@@ -40,11 +41,8 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 7
+SCHEMA = 8
 """Version of the rounds on disk, and of the random streams that continue from them."""
-
-DISCREPANCY_DRAWS = 32
-"""Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
 
 LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
@@ -86,7 +84,8 @@ def calibrate(
     All these runs train the next surrogate. A NARX, which reproduces none of its runs exactly, gives more weight to those near
     the posterior. When the importance weights of the plain draws are nearly equal, the surrogate's posterior is sampled until the
     draws have converged and a second explorer agrees with them. The next round then spends `Plan.certificate` true runs on a
-    `Certificate`: at fresh draws of these, a third of them tempered. If it fails, they too train the next surrogate.
+    `Certificate`: at fresh draws of these, a third of them tempered. If it fails, they too train the next surrogate, and judge it,
+    each left out in turn.
 
     Parameters
     ----------
@@ -186,6 +185,7 @@ class _Loop:
         self.looked = earlier_limits(folder, plan.limits)
         self.rounds: list[Round] = []
         self.last: Batch | None = None
+        self.before: Surrogate | None = None
         self.surrogate: Surrogate | None = None
         self.choice: LawChoice | None = None
         self.final: tuple[int, FinalDraws] | None = None
@@ -217,10 +217,12 @@ class _Loop:
                 if self.journal is not None:
                     self.journal.append(entry)
             self.last = Batch.of(entry)
-            self.true.make(self.last.points(self.space.dimension))
+            if not entry["again"]:
+                self.true.make(self.last.points(self.space.dimension))
             self.rounds.append(self._judged(entry, surrogate, self.last, training))
             certificate = self.rounds[-1].certificate
-            if certificate is not None and (certificate.certified or self._left(len(self.true)) < 0):
+            spent = self._left(len(self.true)) < 0 and not self._to_be_judged_again
+            if certificate is not None and (certificate.certified or spent):
                 return self._result(number, surrogate)
 
     def _first_runs(self) -> None:
@@ -249,29 +251,18 @@ class _Loop:
         if path is not None and path.is_file():
             surrogate = load_surrogate(path)
         else:
-            surrogate = self._fit(self._told("fitting the surrogate"))
+            surrogate, _ = self._fits(self._told("fitting the surrogate")).fit(
+                np.arange(len(self.true)), self.surrogate
+            )
             if path is not None:
                 surrogate.save(path)
         surrogate.trust()  # the certificate judges it
-        self.surrogate = surrogate
+        self.before, self.surrogate = self.surrogate, surrogate
         return surrogate
 
-    def _fit(self, told: Progress) -> Surrogate:
-        """Fit to all runs. If the kind can, start from the last round's surrogate and weight runs by nearness to the posterior."""
-        further: dict[str, Any] = {}
-        if self.settings.warm_start and self.surrogate is not None:
-            further["start"] = self.surrogate
-        if self.settings.weighted and self.last is not None:
-            near = nearness(self._best_densities(self.last)[0])
-            further["weights"] = np.repeat(near, len(self.true.records))
-        forms = getattr(self.settings, "forms", (self.settings,))
-        if len(forms) == 1 or self.last is None:
-            fit: Callable[..., Surrogate] = forms[0].fit
-            return fit(self.true.runs, told, **further)
-        density, theta = self._best_densities(self.last)
-        found: list[Any] = [form.fit(self.true.runs, told, **further) for form in forms]
-        ran = [~np.isnan(response).all(axis=(1, 2)) for response in self.true.responses()]
-        return best_near_the_posterior(found, self.posterior, theta, density, ran)
+    def _fits(self, told: Progress) -> SurrogateFits:
+        """What surrogates are fitted to now."""
+        return SurrogateFits(self.settings, self.posterior, self.true, self.last, told)
 
     def _next(self, number: int, surrogate: Surrogate) -> Entry:
         """Explore the surrogate's posterior, and choose the round's points: a batch, or the draws of a certificate."""
@@ -282,17 +273,44 @@ class _Loop:
         chosen = due and self.law_is_open and self.choice is None
         if chosen and not self._choose_law(surrogate):
             due, explored = last_chance, self._explored(number, surrogate)
-        due = due and (explored.outside <= LARGEST_OUTSIDE or last_chance)
-        due = due and (not self._final_draws(number, surrogate, training).failures or last_chance)
-        rng = stream(self.seed, Purpose.CALIBRATION_BATCH, number)
-        if due:
+        if due or self._to_be_judged_again:
+            fit = explored.outside <= LARGEST_OUTSIDE and not self._final_draws(number, surrogate, training).failures
+            due = due and (fit or last_chance)
+        again = self._to_be_judged_again and (fit or self._left(training) < 0)
+        rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), 0.0
+        if again:
+            batch, beside = self._again(self._final_draws(number, surrogate, training).sampling, surrogate)
+        elif due:
             drawn = self._final_draws(number, surrogate, training).sampling
             batch = certificate_draws(explored, drawn, self.plan.certificate, rng)
         else:
             batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng)
         sure = float(explored.exponents[explored.trusted]), explored.deviation
-        said = {"final": np.array(due), "chosen": np.array(chosen), "sure": np.array(sure)}
-        return batch.to_entry() | said
+        said = {"final": due or again, "again": again, "beside": beside, "chosen": chosen, "sure": sure}
+        return batch.to_entry() | {name: np.array(value) for name, value in said.items()}
+
+    @property
+    def _to_be_judged_again(self) -> bool:
+        """Whether the last round's certificate was refused: its draws can judge the surrogate that has learnt from them."""
+        if not self.rounds:
+            return False
+        last = self.rounds[-1]
+        return last.certificate is not None and not last.certificate.certified and not last.again
+
+    def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, float]:
+        """The last certificate's draws, each judged by a surrogate that has not seen it."""
+        assert self.last is not None
+        everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
+        fits = self._fits(self._told("fitting surrogates without some runs"))
+        # The form is that which all runs have chosen. The search begins at a surrogate that has not seen these draws either.
+        _, form = fits.fit(everything, self.before)
+
+        def without(places: np.ndarray) -> Posterior:
+            left, _ = fits.fit(np.delete(everything, first + places), self.before, (form,))
+            left.trust()
+            return self.posterior.on(left)
+
+        return judged_in_turn(self.last, drawn, self.posterior.on(surrogate), without)
 
     def _explored(self, number: int, surrogate: Surrogate) -> Exploration:
         blocks: list[Block] = []
@@ -341,38 +359,27 @@ class _Loop:
 
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
-        number, fresh = len(self.rounds), slice(training, training + len(batch.fresh))
+        number, again = len(self.rounds), bool(entry["again"])
+        first = training - len(batch.fresh) if again else training
+        fresh = slice(first, first + len(batch.fresh))
         given = self.posterior.given(self.true.responses(fresh)) if len(batch.fresh) else None
         log_true = np.empty(0) if given is None else given.log_density(batch.fresh)
         drawn = FreshDraws(
             batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
-            self.true.collapsed(fresh),
+            self.true.collapsed(fresh), float(entry["beside"]),
         )  # fmt: skip
         certificate = None
         if entry["final"]:
             look = 1 + self.looked + sum(r.certificate is not None for r in self.rounds)
-            density, theta = self._best_densities(batch)
+            density, theta = best_densities(self.posterior, self.true, batch)
             stored = StoredRuns(density, self.posterior.on(surrogate).log_density(theta))
             doubts = self._final_draws(number, surrogate, training).failures
             certificate = judged(drawn, stored, self.posterior.names, len(self.true), look, self.plan.limits, doubts)
         exponent, deviation = map(float, entry["sure"])
         return Round(
             number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
-            drawn.failed, certificate, drawn.log_ratios, batch.shares,
+            drawn.failed, certificate, drawn.log_ratios, batch.shares, again,
         )  # fmt: skip
-
-    def _best_densities(self, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
-        """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws."""
-        points, own = self.true.points, batch.of_the_errors(self.space.dimension, DISCREPANCY_DRAWS)
-        given = self.posterior.given(self.true.responses())
-        best = np.full(len(points), -np.inf)
-        theta = np.concatenate([points, np.tile(own[0], (len(points), 1))], axis=1)
-        for some in own:
-            trial = np.concatenate([points, np.tile(some, (len(points), 1))], axis=1)
-            density = given.log_density(trial)
-            better = density > best
-            best, theta[better] = np.where(better, density, best), trial[better]
-        return best, theta
 
     # --- the end ------------------------------------------------------------------------------------------------
 

@@ -123,6 +123,22 @@ class TrueRuns:
             responses.append(np.where(some.done[:, None, None], values, np.nan))
         return responses
 
+    def of_points(self, points: np.ndarray) -> Runs:
+        """Runs of some points, to every record.
+
+        Parameters
+        ----------
+        points : ndarray of int, shape (point,)
+            Which.
+
+        Returns
+        -------
+        Runs
+            One for each record and point.
+        """
+        count = len(self.records)
+        return self.runs[(points[:, None] * count + np.arange(count)).ravel()]
+
     @property
     def finished(self) -> np.ndarray:
         """Points whose runs have finished on every record, shape (point,)."""

@@ -8,7 +8,7 @@ searched for.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -269,6 +269,7 @@ def judged(
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
+    variation = replace(variation, bound=variation.bound + fresh.beside)
     sd_bound = _sd_bound(fresh, variation)
     shift, error = _shift(fresh, _standardised(fresh))
     middle = _middle(fresh.log_ratios)

@@ -126,6 +126,42 @@ class FittedDensity:
         likely = [cls(trial.layers[:count]).log_density(draws[held_out]).mean() for count in range(1, MOST_LAYERS + 1)]
         return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
 
+    def in_normal_coordinates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Map points to where the density is standard normal.
+
+        Parameters
+        ----------
+        x : ndarray, shape (point, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        tuple of ndarray, shapes (point, parameter) and (point,)
+            z, and log |det dz/dx|.
+        """
+        total = np.zeros(len(x))
+        for layer in self.layers:
+            x, slope = layer.forward(x)
+            total += slope
+        return x, total
+
+    def of_normal_coordinates(self, z: np.ndarray) -> np.ndarray:
+        """Map points back from there.
+
+        Parameters
+        ----------
+        z : ndarray, shape (point, parameter)
+            Normal coordinates.
+
+        Returns
+        -------
+        ndarray, shape (point, parameter)
+            x, unconstrained coordinates.
+        """
+        for layer in reversed(self.layers):
+            z = layer.backward(z)
+        return z
+
     def log_density(self, x: np.ndarray) -> np.ndarray:
         """Log density, normalised.
 
@@ -139,11 +175,8 @@ class FittedDensity:
         ndarray, shape (point,)
             With respect to them.
         """
-        total = np.zeros(len(x))
-        for layer in self.layers:
-            x, slope = layer.forward(x)
-            total += slope
-        return np.asarray(total - 0.5 * np.sum(x**2, axis=1) - 0.5 * x.shape[1] * np.log(2.0 * np.pi))
+        z, slope = self.in_normal_coordinates(x)
+        return np.asarray(slope + standard_normal(z))
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draw from it.
@@ -160,7 +193,72 @@ class FittedDensity:
         ndarray, shape (count, parameter)
             In unconstrained coordinates.
         """
-        x = rng.standard_normal((count, len(self.layers[0].centre)))
-        for layer in reversed(self.layers):
-            x = layer.backward(x)
-        return x
+        return self.of_normal_coordinates(rng.standard_normal((count, len(self.layers[0].centre))))
+
+
+@dataclass(frozen=True, eq=False)
+class WidenedDensity:
+    """A fitted density made wider in its normal coordinates, so that it goes on where the draws end.
+
+    In these coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.
+
+    Parameters
+    ----------
+    fitted : FittedDensity
+        What was fitted to draws.
+    width : float
+        Standard deviation of its normal coordinates: √2 for the square root of a normal density.
+    """
+
+    fitted: FittedDensity
+    width: float
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        """Log density, normalised.
+
+        Parameters
+        ----------
+        x : ndarray, shape (point, parameter)
+            Unconstrained coordinates.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            With respect to them.
+        """
+        z, slope = self.fitted.in_normal_coordinates(x)
+        return np.asarray(slope + standard_normal(z / self.width) - z.shape[1] * np.log(self.width))
+
+    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw from it.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates.
+        """
+        z = rng.standard_normal((count, len(self.fitted.layers[0].centre)))
+        return self.fitted.of_normal_coordinates(self.width * z)
+
+
+def standard_normal(z: np.ndarray) -> np.ndarray:
+    """Log density of independent standard normal coordinates.
+
+    Parameters
+    ----------
+    z : ndarray, shape (point, parameter)
+        The points.
+
+    Returns
+    -------
+    ndarray, shape (point,)
+        −½ |z|² − ½ d log 2π.
+    """
+    return np.asarray(-0.5 * np.sum(z**2, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi))

@@ -27,6 +27,8 @@ class FreshDraws:
         Largest log density of q among them.
     impossible : ndarray of bool, shape (draw,), optional
         Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
+    beside : float
+        Coefficient of variation, over q, of the law that `log_drawn` belongs to: zero where that is q itself.
     """
 
     theta: np.ndarray
@@ -36,6 +38,7 @@ class FreshDraws:
     population: np.ndarray
     highest: float
     impossible: np.ndarray | None = None
+    beside: float = 0.0
 
     @property
     def log_ratios(self) -> np.ndarray:

@@ -9,7 +9,7 @@ They know nothing of the masses that the first explorer gave to the modes, and l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -18,7 +18,7 @@ from structid.inference.assessment.diagnostics import effective_sample_size
 from structid.inference.sampling.modes import Mode, all_modes
 from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.reference import FromReference
-from structid.inference.sampling.sampler import Evidence
+from structid.inference.sampling.sampler import Drawn, Evidence
 from structid.inference.sampling.tempered import SMC
 from structid.inference.target import Target
 from structid.notebook import ShownAsText
@@ -36,6 +36,8 @@ PARTICLES = 2000
 """Draws that the second explorer knows of."""
 EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
 """The second explorer."""
+LONGER = 16
+"""Times as many steps it takes once more where it disagrees; the first half of them is for settling."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,10 +124,29 @@ def represented(
     density = target.evaluate(some)[0]
     modes = _modes(target, some, density, known, stream(seed, Purpose.SMC_SCOUTS))
     reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
-    second = explorer.run(reference, derived_seed(seed, Purpose.BESIDE), None, [], lambda _index, _block: None)
+    again = derived_seed(seed, Purpose.BESIDE)
+    for times in (1, LONGER):  # of two that disagree the second may be the one that is wrong
+        longer = replace(explorer, steps=times * explorer.steps)
+        second = longer.run(reference, again, None, [], lambda _index, _block: None)
+        found = _compared(target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence)
+        if found.agreed:
+            break
+    return found
+
+
+def _compared(
+    target: Target,
+    draws: np.ndarray,
+    modes: list[Mode],
+    second: Drawn,
+    settled: np.ndarray,
+    evidence: Evidence | None,
+) -> Representation:
+    """Draws beside those of the second explorer that it has made since it settled."""
     assert second.log_evidence is not None  # of a tempered sampler
-    again = target.bijection(second.phi.reshape(-1, target.dimension))[0].reshape(second.phi.shape)
-    shares = [_labelled(modes, points) for points in (phi.reshape(draws.shape), second.phi)]
+    again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
+    phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
+    shares = [_labelled(modes, points) for points in (phi, settled)]
     moments = [(x.mean(axis=(0, 1, 2)), x.std(axis=(0, 1, 2))) for x in (draws, again)]
     sd = np.where(moments[0][1] > 0.0, moments[0][1], 1.0)
     return Representation(

@@ -127,7 +127,8 @@ def _bounds(certificate: Certificate) -> list[list[str]]:
 def _round(r: Round) -> list[str]:
     verdict = "" if r.certificate is None else r.certificate.agreement
     return [
-        str(r.number + 1), str(r.training), f"{r.error:.1e}", f"{r.exponent:.2g}", f"{r.deviation:.2g}", str(r.fresh),
+        str(r.number + 1), str(r.training), f"{r.error:.1e}", f"{r.exponent:.2g}", f"{r.deviation:.2g}",
+        "the same, left out in turn" if r.again else str(r.fresh),
         f"{r.spread:.2g}" if r.fresh else "", verdict,
     ]  # fmt: skip
 

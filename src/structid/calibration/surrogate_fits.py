@@ -1,0 +1,113 @@
+"""Surrogates fitted to the true runs of a calibration: the best of some forms where the posterior is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from structid.calibration.batch import Batch
+from structid.calibration.forms import best_near_the_posterior
+from structid.calibration.nearness import nearness
+from structid.calibration.true_runs import TrueRuns
+from structid.inference.likelihood.posterior import Posterior
+from structid.models.face import Progress
+from structid.surrogates.face import Surrogate, SurrogateSettings
+
+DISCREPANCY_DRAWS = 32
+"""Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""
+
+
+@dataclass(frozen=True, eq=False)
+class SurrogateFits:
+    """What surrogates are fitted to.
+
+    Parameters
+    ----------
+    settings : SurrogateSettings
+        Of the surrogate.
+    posterior : Posterior
+        With the measurements.
+    true : TrueRuns
+        All true runs.
+    last : Batch or None
+        The last round's, which says where the posterior is; None before the first.
+    told : callable
+        Called with the percentage of a fit that is done, and 100.
+    """
+
+    settings: SurrogateSettings
+    posterior: Posterior
+    true: TrueRuns
+    last: Batch | None
+    told: Progress
+
+    def fit(
+        self, points: np.ndarray, start: Surrogate | None, forms: Sequence[SurrogateSettings] | None = None
+    ) -> tuple[Surrogate, SurrogateSettings]:
+        """Fit the best of some forms to the runs of some points.
+
+        If the kind can, it begins with another surrogate, and gives more weight to runs near the posterior.
+
+        Parameters
+        ----------
+        points : ndarray of int, shape (point,)
+            Which.
+        start : Surrogate or None
+            To begin with.
+        forms : sequence of SurrogateSettings, optional
+            To choose among; those of the settings when left out.
+
+        Returns
+        -------
+        tuple of Surrogate and SurrogateSettings
+            The surrogate, and its form.
+        """
+        forms = getattr(self.settings, "forms", (self.settings,)) if forms is None else forms
+        runs = self.true.of_points(points)
+        further: dict[str, Any] = {}
+        if self.settings.warm_start and start is not None:
+            further["start"] = start
+        if self.last is None:
+            forms = forms[:1]
+        elif self.settings.weighted:
+            near = nearness(best_densities(self.posterior, self.true, self.last)[0])
+            further["weights"] = np.repeat(near[points], len(self.true.records))
+        found: list[Any] = [cast(Any, form).fit(runs, self.told, **further) for form in forms]
+        if self.last is None or len(found) == 1:
+            return found[0], forms[0]
+        density, theta = best_densities(self.posterior, self.true, self.last)
+        ran = [~np.isnan(response[points]).all(axis=(1, 2)) for response in self.true.responses()]
+        best = best_near_the_posterior(found, self.posterior, theta[points], density[points], ran)
+        return found[best], forms[best]
+
+
+def best_densities(posterior: Posterior, true: TrueRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:
+    """Densities at all true runs, each with the discrepancy parameters that suit it best, chosen among some draws.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With the measurements.
+    true : TrueRuns
+        All true runs.
+    batch : Batch
+        With draws of the discrepancy's parameters.
+
+    Returns
+    -------
+    tuple of ndarray, shapes (run,) and (run, parameter)
+        Log densities, and the points in SI.
+    """
+    points, own = true.points, batch.of_the_errors(posterior.model_space.dimension, DISCREPANCY_DRAWS)
+    given = posterior.given(true.responses())
+    best = np.full(len(points), -np.inf)
+    theta = np.concatenate([points, np.tile(own[0], (len(points), 1))], axis=1)
+    for some in own:
+        trial = np.concatenate([points, np.tile(some, (len(points), 1))], axis=1)
+        density = given.log_density(trial)
+        better = density > best
+        best, theta[better] = np.where(better, density, best), trial[better]
+    return best, theta
