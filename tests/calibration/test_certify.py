@@ -231,6 +231,21 @@ def test_a_solver_that_does_not_move(measured, space):
         si.calibrate(model, space, observation)
 
 
+def test_a_calibration_notices_a_solver_with_noise(measured, space, tmp_path):
+    """Too little to keep a certificate from its weights, and enough to be no function; all runs are counted and kept."""
+    oscillator, observation = measured
+    explorer = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
+    plan = si.Plan(true_runs=110, explorer=explorer)
+    for noise, certified in ((0.0, True), (3e-5, False)):
+        model, calls = external(oscillator, noise=noise)
+        found = si.calibrate(model, space, observation, plan=plan, seed=1, store=tmp_path / str(certified))
+        assert found.certificate.certified == certified, str(found)
+        assert ("not the same function twice" in str(found)) != certified
+        assert len(calls) == found.certificate.true_runs <= 110
+        again = si.calibrate(model, space, observation, plan=plan, seed=1, store=tmp_path / str(certified))
+        assert len(calls) == found.certificate.true_runs and again.certificate.doubts == found.certificate.doubts
+
+
 # --- bad input ---------------------------------------------------------------------------------------------------------
 
 

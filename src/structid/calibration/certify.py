@@ -15,16 +15,13 @@ from structid.calibration.density_of_draws import DensityOfDraws
 from structid.calibration.drawn_laws import DrawnLaw
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
 from structid.calibration.foreign_draws import Draws, density_with, draws_of
-from structid.calibration.true_runs import Tell, TrueRuns
+from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
 from structid.streams import Purpose, stream
-
-NOISE = 0.01
-"""Difference of log densities at one point from which on a model is said to give different answers [nat]."""
 
 Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
 """Log density of the draws' law, up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
@@ -178,10 +175,4 @@ class _Truth:
     @property
     def doubts(self) -> tuple[str, ...]:
         """That the same point, run twice, has two densities."""
-        difference = abs(self.both[-1] - self.both[0])
-        if not difference > NOISE:
-            return ()
-        return (
-            f"the model is not the same function twice: run again at the first point, its log density differs by {difference:.2g} "
-            "nats. There is no posterior of a model that has none; fix its random seed",
-        )
+        return noise_doubts(self.both[0], self.both[-1])

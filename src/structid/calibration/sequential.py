@@ -18,7 +18,7 @@ from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
 from structid.calibration.plan import Plan
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
-from structid.calibration.true_runs import Tell, TrueRuns
+from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
 from structid.errors import InputError, names_checked
@@ -184,6 +184,8 @@ class _Loop:
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.looked = earlier_limits(folder, plan.limits)
         self.rounds: list[Round] = []
+        self.twice = 0
+        self.noise: tuple[str, ...] = ()
         self.last: Batch | None = None
         self.before: Surrogate | None = None
         self.surrogate: Surrogate | None = None
@@ -211,7 +213,8 @@ class _Loop:
             surrogate = self._surrogate(number)
             if number < len(stored):
                 entry = stored[number]
-                self._law_as_stored(entry, surrogate)
+                if entry["chosen"] and self.choice is None:
+                    self._choose_law(surrogate)  # again, in the same round; its draws are stored
             else:
                 entry = self._next(number, surrogate)
                 if self.journal is not None:
@@ -340,8 +343,9 @@ class _Loop:
         return self._left(training) >= FEWEST_IN_A_BATCH
 
     def _left(self, training: int) -> int:
-        """Runs of the budget that no certificate needs."""
-        return self.plan.true_runs - training - self.plan.certificate
+        """Runs of the budget that no certificate needs; somebody else's solver is run once more for each."""
+        of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
+        return self.plan.true_runs - training - self.twice - of_a_certificate
 
     def _choose_law(self, surrogate: Surrogate) -> bool:
         """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
@@ -352,18 +356,12 @@ class _Loop:
         self.posterior = self.posterior.on(law=self.choice.posterior.law)
         return self.choice.chosen == 0
 
-    def _law_as_stored(self, entry: Entry, surrogate: Surrogate) -> None:
-        """Choose the law again in the round in which it was chosen; its draws are stored."""
-        if entry["chosen"] and self.choice is None:
-            self._choose_law(surrogate)
-
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
-        number, again = len(self.rounds), bool(entry["again"])
-        first = training - len(batch.fresh) if again else training
-        fresh = slice(first, first + len(batch.fresh))
-        given = self.posterior.given(self.true.responses(fresh)) if len(batch.fresh) else None
-        log_true = np.empty(0) if given is None else given.log_density(batch.fresh)
+        number, again, count = len(self.rounds), bool(entry["again"]), len(batch.fresh)
+        first = training - count if again else training
+        fresh = slice(first, first + count)
+        log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
         drawn = FreshDraws(
             batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
             self.true.collapsed(fresh), float(entry["beside"]),
@@ -373,13 +371,25 @@ class _Loop:
             look = 1 + self.looked + sum(r.certificate is not None for r in self.rounds)
             density, theta = best_densities(self.posterior, self.true, batch)
             stored = StoredRuns(density, self.posterior.on(surrogate).log_density(theta))
-            doubts = self._final_draws(number, surrogate, training).failures
-            certificate = judged(drawn, stored, self.posterior.names, len(self.true), look, self.plan.limits, doubts)
+            doubts = (
+                *self._final_draws(number, surrogate, training).failures,
+                *self._noise(first, batch, log_true, again),
+            )
+            spent = len(self.true) + self.twice
+            certificate = judged(drawn, stored, self.posterior.names, spent, look, self.plan.limits, doubts)
         exponent, deviation = map(float, entry["sure"])
         return Round(
             number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
             drawn.failed, certificate, drawn.log_ratios, batch.shares, again,
         )  # fmt: skip
+
+    def _noise(self, first: int, batch: Batch, log_true: np.ndarray, again: bool) -> tuple[str, ...]:
+        """What speaks against somebody else's solver: it is run once more at the first draw of a certificate."""
+        if not (self.posterior.model.traceable or again):
+            self.twice += 1
+            once_more = self.posterior.given(self.true.once_more(first)).log_density(batch.fresh[:1])
+            self.noise = noise_doubts(log_true[0], once_more[0]) or self.noise
+        return self.noise
 
     # --- the end ------------------------------------------------------------------------------------------------
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,9 @@ from structid.runs import Runs
 
 Tell = Callable[[str, int, int], None]
 """Called with what is being done, how much of it is done, and the total."""
+
+NOISE = 0.01
+"""Difference of log densities at one point from which on a model is said to give different answers [nat]."""
 
 
 class TrueRuns:
@@ -123,6 +127,25 @@ class TrueRuns:
             responses.append(np.where(some.done[:, None, None], values, np.nan))
         return responses
 
+    def once_more(self, place: int) -> list[np.ndarray]:
+        """Run the model at a known point again, to see whether it gives the same answer.
+
+        Parameters
+        ----------
+        place : int
+            Place of the point.
+
+        Returns
+        -------
+        list of ndarray, shape (1, time, channel)
+            Responses to each observation's record. They are kept apart from all others.
+        """
+        other = copy.copy(self)
+        other.points, other._done = self.points[[place]], None
+        other.folder = None if self.folder is None else self.folder / f"once_more_{place}"
+        other.make()
+        return other.responses()
+
     def of_points(self, points: np.ndarray) -> Runs:
         """Runs of some points, to every record.
 
@@ -162,3 +185,25 @@ class TrueRuns:
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
+    """Say that a point that was run twice has two densities.
+
+    Parameters
+    ----------
+    log_density, again : float
+        By both runs.
+
+    Returns
+    -------
+    tuple of str
+        A sentence where they differ.
+    """
+    difference = abs(again - log_density)
+    if not difference > NOISE:
+        return ()
+    return (
+        f"the model is not the same function twice: where it was run again, its log density differs by {difference:.2g} nats. "
+        "There is no posterior of a model that has none; fix its random seed",
+    )
