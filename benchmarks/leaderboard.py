@@ -192,8 +192,7 @@ beside tempered SMC on the model itself. A claim ("converged", "certified") is f
 standard deviations off, or a standard deviation more than {FALSE:.0%}. Last column: what `si.certify` says of a peer's draws after
 60 further runs, asked for those same limits. What stopped with an error or took more than {LONGEST / 60.0:.0f} minutes has failed.
 
-A mode that neither the peer nor any of the 60 runs has touched is not known to `certify`, which says so; GPry's draws of
-Rosenbrock's tail end before it does, and there `certify` was wrong. Both are what to mend next.
+A mode that neither the peer nor any of the 60 runs has touched is not known to `certify`, which says so.
 
 {common.markdown_table(HEADS, table)}
 """

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import common
 import numpy as np
 import scipy
-from calibration import el_centro, measured, model_and_space, stochastic
+from calibration import degrading, el_centro, measured, model_and_space, stochastic
 
 import structid as si
 
@@ -82,20 +81,12 @@ def study(name: str, record: si.GroundMotion) -> Case:
     return Case(name, model, space, measured(record), lambda theta: model.simulate(theta, record).values[..., 0])
 
 
-def degrading() -> Case:
+def seven_parameters() -> Case:
     """Seven parameters of the class that made the data."""
-    record = si.GroundMotion.synthetic(seed=8).lowpass(20.0).scale_to_pga(1.8)
-    truth = common.degrading_oscillator().simulate(np.zeros((1, 0)), record).values[0, :, 0]
-    noise = 0.02 * truth.std() * np.random.default_rng(1).standard_normal(truth.shape)
-    space = si.ParameterSpace(
-        stiffness=si.Normal(7.42e6, 0.742e6, low=4.27e6, high=11.85e6), beta=si.Uniform(30.0, 90.0),
-        gamma_ratio=si.Uniform(-1.0, 1.0), alpha=si.LogNormal(mean=0.063, sd=0.02, high=1.0),
-        delta_nu=si.Uniform(0.0, 10.0), delta_eta=si.Uniform(0.0, 20.0),
-        damping_ratio=si.LogNormal(mean=0.03, sd=0.01, high=0.5),
-    )  # fmt: skip
-    model = si.BoucWen(mass=common.MASS, free=space.names)
+    model, space, observation = degrading()
+    record = observation.record
     return Case(
-        "seven parameters, degrading", model, space, si.Observation(record, truth + noise),
+        "seven parameters, degrading", model, space, observation,
         lambda theta: model.simulate(theta, record).values[..., 0],
     )  # fmt: skip
 
@@ -147,7 +138,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "stochastic": lambda: study("study, stochastic record", stochastic(1.8)),
     "el_centro": lambda: study("study, El Centro 1.8 m/s²", el_centro(1.8)),
     "el_centro_strong": lambda: study("study, El Centro 3.59 m/s²", el_centro(3.59)),
-    "degrading": degrading,
+    "degrading": seven_parameters,
     "rosenbrock": rosenbrock,
     "two_modes": two_modes,
 }
