@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 import scipy
 
-from structid.errors import InputError
+from structid.errors import InputError, names_checked
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
@@ -29,6 +29,7 @@ UNSEEN = 3.0
 """Of n draws none falls into a set of probability 3/n with a probability of 5 %."""
 
 
+@names_checked
 @dataclass(frozen=True)
 class Limits:
     """Limits that a certificate must meet.
