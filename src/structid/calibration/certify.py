@@ -90,6 +90,7 @@ def certify(
     """
     if true_runs is not None and true_runs < FEWEST_DRAWS:
         raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
+    limits = Limits() if limits is None else limits
     taken = draws_of(draws, posterior.names)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
@@ -108,17 +109,16 @@ def certify(
         runs = np.concatenate([runs[0], known[1]]), np.concatenate([runs[1], law.log_density(points)])
     stored = _within_reach(*runs, limits)
     # Where q has no density at all, a run is no draw of it; it may show that something is there.
-    doubts = (*doubts, *truth.doubts, *_cut_off(truth.log_density, inside, posterior.dimension, limits or Limits()))
+    doubts = (*doubts, *truth.doubts, *_cut_off(truth.log_density, inside, posterior.dimension, limits))
     found = judged(fresh, stored, posterior.names, len(chosen.theta) + 1, look, limits, doubts)
     return replace(found, subject=law.subject)
 
 
-def _within_reach(log_true: np.ndarray, log_drawn: np.ndarray, limits: Limits | None) -> StoredRuns:
+def _within_reach(log_true: np.ndarray, log_drawn: np.ndarray, limits: Limits) -> StoredRuns:
     """Known points near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
-    reach = (Limits() if limits is None else limits).reach
     if not np.isfinite(log_true).any():
         return StoredRuns()
-    near = np.isfinite(log_true) & (log_true >= log_true.max() - reach)
+    near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
     return StoredRuns(log_true[near], log_drawn[near])
 
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from structid.calibration.drawn_laws import MANY, Chosen, DrawnLaw, refuse_another
 from structid.errors import InputError
-from structid.inference.assessment.fitted_density import WidenedDensity
 from structid.inference.assessment.representation import represented
 from structid.inference.sampling.bridge import bennett_ratio
 from structid.inference.target import Target
@@ -117,19 +116,19 @@ class DensityOfDraws(DrawnLaw):
         """
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
-        wider = WidenedDensity(self.fitted, WIDENED)
-        wide = wider.draw(MANY, rng)
+        wide = self.fitted.draw(MANY, rng, WIDENED)
         own = self._in_coordinates(wide)
         inside = np.isfinite(own)  # of the wider law that part is taken which lies in q's support
         some = many[:: max(1, len(many) // MANY)]
-        forward = own[inside] - wider.log_density(wide[inside])
-        backward = self._in_coordinates(some) - wider.log_density(some)
+        forward = own[inside] - self.fitted.log_density(wide[inside], WIDENED)
+        backward = self._in_coordinates(some) - self.fitted.log_density(some, WIDENED)
         ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t
         phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
         theta, jacobian = self.bijection(phi)
         density = self._in_coordinates(phi)
         with np.errstate(over="ignore"):
-            of_wide = np.exp(wider.log_density(phi) - density + ratio)  # infinite, and the share zero, beyond
+            # Infinite, and the share zero, beyond.
+            of_wide = np.exp(self.fitted.log_density(phi, WIDENED) - density + ratio)
         mixed = len(plain) + wide_count
         return Chosen(theta, density - jacobian, mixed / (len(plain) + wide_count * of_wide))
 

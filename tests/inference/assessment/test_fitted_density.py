@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.inference.assessment.fitted_density import FittedDensity, WidenedDensity
+from structid.inference.assessment.fitted_density import FittedDensity
 
 WIDTH = 1.4
 
@@ -23,19 +23,17 @@ def fitted():
 @pytest.mark.parametrize("wider", [False, True])
 def test_it_is_normalised(fitted, wider):
     """Integrated over a grid that holds nearly all of it."""
-    law = WidenedDensity(fitted, WIDTH) if wider else fitted
     a, b = np.linspace(-12.0, 12.0, 801), np.linspace(-12.0, 60.0, 1601)
     grid = np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2)
-    total = np.exp(law.log_density(grid)).sum() * (a[1] - a[0]) * (b[1] - b[0])
+    total = np.exp(fitted.log_density(grid, WIDTH if wider else 1.0)).sum() * (a[1] - a[0]) * (b[1] - b[0])
     assert total == pytest.approx(1.0, abs=1e-3)
 
 
 def test_its_draws_are_of_its_density(fitted):
     """A probability by draws and by the density of other draws: importance weights have mean one."""
     rng = np.random.default_rng(3)
-    law = WidenedDensity(fitted, WIDTH)
-    wide, own = law.draw(40_000, rng), fitted.draw(40_000, rng)
-    weights = np.exp(fitted.log_density(wide) - law.log_density(wide))
+    wide, own = fitted.draw(40_000, rng, WIDTH), fitted.draw(40_000, rng)
+    weights = np.exp(fitted.log_density(wide) - fitted.log_density(wide, WIDTH))
     assert abs(weights.mean() - 1.0) < 4.0 * weights.std() / np.sqrt(len(weights))
     event = weights * (wide[:, 1] > 1.0)
     error = np.hypot(event.std(), 0.5) / np.sqrt(len(event))
@@ -51,16 +49,16 @@ def test_normal_coordinates_and_back(fitted):
 def test_a_normal_law_made_wider_is_one():
     """No layer but the whitening is needed."""
     draws = scipy.stats.norm.ppf((np.arange(4000) + 0.5) / 4000)[:, None]
-    law = WidenedDensity(FittedDensity.of(draws, np.random.default_rng(1)), WIDTH)
+    law = FittedDensity.of(draws, np.random.default_rng(1))
     x = np.linspace(-5.0, 5.0, 21)
     expected = scipy.stats.norm.logpdf(x, scale=WIDTH)
-    np.testing.assert_allclose(law.log_density(x[:, None]), expected, atol=0.02)
+    np.testing.assert_allclose(law.log_density(x[:, None], WIDTH), expected, atol=0.02)
 
 
 def test_it_follows_a_ridge_beyond_its_ends(fitted):
     """Most of what is drawn twice as far out as any draw still lies near b = a²/2; a widened covariance does not."""
     rng = np.random.default_rng(5)
-    wide = WidenedDensity(fitted, WIDTH).draw(20_000, rng)
+    wide = fitted.draw(20_000, rng, WIDTH)
     far = wide[(np.abs(wide[:, 0]) > 3.5) & (np.abs(wide[:, 0]) < 5.0)]
     plain = rng.multivariate_normal([0.0, 0.5], WIDTH**2 * np.cov(bent(5000).T), 20_000)
     beside = plain[(np.abs(plain[:, 0]) > 3.5) & (np.abs(plain[:, 0]) < 5.0)]

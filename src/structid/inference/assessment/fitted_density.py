@@ -162,13 +162,15 @@ class FittedDensity:
             z = layer.backward(z)
         return z
 
-    def log_density(self, x: np.ndarray) -> np.ndarray:
+    def log_density(self, x: np.ndarray, width: float = 1.0) -> np.ndarray:
         """Log density, normalised.
 
         Parameters
         ----------
         x : ndarray, shape (point, parameter)
             Unconstrained coordinates.
+        width : float
+            Standard deviation of the normal coordinates; see `draw`.
 
         Returns
         -------
@@ -176,61 +178,13 @@ class FittedDensity:
             With respect to them.
         """
         z, slope = self.in_normal_coordinates(x)
-        return np.asarray(slope + standard_normal(z))
+        normal = -0.5 * np.sum((z / width) ** 2, axis=1) - z.shape[1] * (np.log(width) + 0.5 * np.log(2.0 * np.pi))
+        return np.asarray(slope + normal)
 
-    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw from it.
+    def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> np.ndarray:
+        """Draw from it, or from a wider law that goes on where the draws end.
 
-        Parameters
-        ----------
-        count : int
-            How many.
-        rng : numpy.random.Generator
-            Source of randomness.
-
-        Returns
-        -------
-        ndarray, shape (count, parameter)
-            In unconstrained coordinates.
-        """
-        return self.of_normal_coordinates(rng.standard_normal((count, len(self.layers[0].centre))))
-
-
-@dataclass(frozen=True, eq=False)
-class WidenedDensity:
-    """A fitted density made wider in its normal coordinates, so that it goes on where the draws end.
-
-    In these coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.
-
-    Parameters
-    ----------
-    fitted : FittedDensity
-        What was fitted to draws.
-    width : float
-        Standard deviation of its normal coordinates: √2 for the square root of a normal density.
-    """
-
-    fitted: FittedDensity
-    width: float
-
-    def log_density(self, x: np.ndarray) -> np.ndarray:
-        """Log density, normalised.
-
-        Parameters
-        ----------
-        x : ndarray, shape (point, parameter)
-            Unconstrained coordinates.
-
-        Returns
-        -------
-        ndarray, shape (point,)
-            With respect to them.
-        """
-        z, slope = self.fitted.in_normal_coordinates(x)
-        return np.asarray(slope + standard_normal(z / self.width) - z.shape[1] * np.log(self.width))
-
-    def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Draw from it.
+        In the normal coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.
 
         Parameters
         ----------
@@ -238,27 +192,12 @@ class WidenedDensity:
             How many.
         rng : numpy.random.Generator
             Source of randomness.
+        width : float
+            Standard deviation of the normal coordinates: √2 for the square root of a normal density.
 
         Returns
         -------
         ndarray, shape (count, parameter)
             In unconstrained coordinates.
         """
-        z = rng.standard_normal((count, len(self.fitted.layers[0].centre)))
-        return self.fitted.of_normal_coordinates(self.width * z)
-
-
-def standard_normal(z: np.ndarray) -> np.ndarray:
-    """Log density of independent standard normal coordinates.
-
-    Parameters
-    ----------
-    z : ndarray, shape (point, parameter)
-        The points.
-
-    Returns
-    -------
-    ndarray, shape (point,)
-        −½ |z|² − ½ d log 2π.
-    """
-    return np.asarray(-0.5 * np.sum(z**2, axis=1) - 0.5 * z.shape[1] * np.log(2.0 * np.pi))
+        return self.of_normal_coordinates(width * rng.standard_normal((count, len(self.layers[0].centre))))
