@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
 SIDE_BY_SIDE := -n 2 --dist loadfile
+# Two workers on two cores: threads of the linear algebra would only wait for one another.
+ONE_THREAD := OPENBLAS_NUM_THREADS=1
 # Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast.
 # The slow tests, and the other interpreters, compile as users do.
 PLAIN_COMPILER := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
@@ -15,10 +17,10 @@ demo: $(READY)
 	$(BIN)/structid demo --out demo
 
 test: $(READY)
-	$(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
+	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
-	$(BIN)/pytest $(SIDE_BY_SIDE) -q -m slow
+	$(ONE_THREAD) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m slow
 
 lint: $(READY)
 	$(BIN)/ruff format --check .

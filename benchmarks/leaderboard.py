@@ -1,12 +1,14 @@
 """The question: whose posterior is right, whose claim of being right is right, and what does it cost in runs of the model.
 
 Run with ``python benchmarks/leaderboard.py [--quick]``. The peers are the dependency group ``peers``; those that are not installed
-are left out. Every run is a process of its own and a line in ``results/leaderboard.jsonl``; what is there is not run again.
+are left out. Every run is a process of its own and a line in ``results/leaderboard.jsonl``; what is there is not run again. What
+the peers drew is kept in ``build/leaderboard``: delete a line to have its draws judged again.
 """
 
 from __future__ import annotations
 
 import json
+import pickle
 import statistics
 import subprocess
 import sys
@@ -23,8 +25,10 @@ import structid as si
 
 NAME = "leaderboard"
 SEEDS = range(1, 11)
-LONGEST = 720.0
+LONGEST = 480.0
 """Seconds after which a run is given up."""
+KEPT = common.ROOT / "build" / "leaderboard"
+"""What the peers drew."""
 REFERENCE = si.SMC(particles=1000, steps=100, effective_share=0.5, correlation=0.2)
 LEVELS = (0.05, 0.5, 0.95)
 FALSE = 0.25
@@ -51,7 +55,7 @@ def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
     if outcome.log_density is None:
         return ""
     try:
-        limits = certified_limits()
+        limits = si.Limits(mean=FALSE, sd=FALSE)
         found = si.certify(
             case.target, outcome.draws, outcome.log_density, true_runs=60, known=outcome.known, limits=limits, seed=seed
         )
@@ -60,20 +64,11 @@ def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
     return "certified" if found.certified else "refused"
 
 
-def certified_limits() -> Any:
-    """Those of `FALSE`."""
-    from structid.inference.assessment.certificate import Limits
-
-    return Limits(mean=FALSE, sd=FALSE)
-
-
 def one(case_word: str, method: str, seed: int, quick: bool) -> None:
     """One run in this process; its line is printed."""
     quiet()
     case = CASES[case_word]()
-    began = time.perf_counter()
-    outcome = METHODS[method](case, seed)
-    seconds = time.perf_counter() - began
+    outcome, seconds = kept(case, f"{case_word}-{method}-{seed}", method, seed)
     sampler = si.SMC(particles=100, steps=20) if quick else REFERENCE
     errors = compared(case, outcome, si.sample(case.target, sampler, seed=99))
     row = {
@@ -81,6 +76,23 @@ def one(case_word: str, method: str, seed: int, quick: bool) -> None:
         "seconds": seconds, "claims": outcome.claims, **errors, "certify": by_certify(case, outcome, seed),
     }  # fmt: skip
     print("ROW " + json.dumps(row))
+
+
+def kept(case: Case, name: str, method: str, seed: int) -> tuple[Outcome, float]:
+    """What a program leaves, and its seconds; that of a peer from the last time."""
+    path = KEPT / f"{name}.pickle"
+    if path.is_file():
+        outcome, seconds = pickle.loads(path.read_bytes())
+        return outcome, seconds
+    began = time.perf_counter()
+    outcome = METHODS[method](case, seed)
+    seconds = time.perf_counter() - began
+    if method != "structid":
+        import cloudpickle  # of functions, too
+
+        KEPT.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(cloudpickle.dumps((outcome, seconds)))
+    return outcome, seconds
 
 
 def run_apart(case_word: str, method: str, seed: int, quick: bool) -> dict[str, Any]:
@@ -127,9 +139,7 @@ def runs(quick: bool) -> list[dict[str, Any]]:
     for key in wanted:
         if key not in known:
             known[key] = run_apart(*key, quick)
-            common.record_result(
-                f"{NAME}_runs", quick=quick, version=si.__version__, machine=common.machine(), **known[key]
-            )
+            common.record_result(NAME, quick=quick, version=si.__version__, machine=common.machine(), **known[key])
             print(known[key], flush=True)
     return [known[key] for key in known if key in set(wanted) or not quick]
 

@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
 from structid.calibration.density_of_draws import DensityOfDraws
-from structid.calibration.drawn_laws import DrawnLaw
+from structid.calibration.drawn_laws import Chosen, DrawnLaw
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
 from structid.calibration.foreign_draws import Draws, density_with, draws_of
-from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
+from structid.calibration.hidden_modes import searched
+from structid.calibration.kriged_density import Points
+from structid.calibration.learnt_law import LearntLaw
+from structid.calibration.true_runs import Tell
+from structid.calibration.truth import Truth, joined
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
-from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
 from structid.streams import Purpose, stream
 
 Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
 """Log density of the draws' law, up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
+
+SEARCH_SHARE = 6
+"""One further run for so many at draws goes where a mode could be that they have missed."""
+AT_ONCE = 10
+"""Runs of a round that teaches."""
 
 
 @names_checked
@@ -34,6 +43,8 @@ def certify(
     log_density: Density | None = None,
     *,
     true_runs: int | None = None,
+    searches: int | None = None,
+    teaching: int | None = None,
     known: tuple[np.ndarray, np.ndarray] | None = None,
     limits: Limits | None = None,
     look: int = 1,
@@ -61,14 +72,22 @@ def certify(
         ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws a density is fitted, and it is what is
         certified.
     true_runs : int, optional
-        True runs to spend, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
+        True runs at draws, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
         the tails.
+    searches : int, optional
+        Further true runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs` when
+        left out. They need a posterior that knows its prior.
+    teaching : int, optional
+        Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
+        `true_runs` when left out.
     known : tuple of ndarray, optional
-        Points (point, parameter) where log π (point,) is known already. None of them may exceed the draws.
+        Points (point, parameter) where log π (point,) is known already. None of them may exceed the draws. They tell where a mode
+        could be, and where the draws' law is wrong.
     limits : Limits, optional
         What must be met.
     look : int
-        1 for the first certificate of these draws, 2 for a repetition after a refusal, and so on: the confidence is divided.
+        1 for the first certificate of these draws, 2 for a repetition after a refusal, and so on: the confidence is divided. The
+        draws alone, and what the runs have taught after every round of teaching, are a look each.
     seed : int
         Chooses the draws.
     store : path-like, optional
@@ -90,36 +109,89 @@ def certify(
     """
     if true_runs is not None and true_runs < FEWEST_DRAWS:
         raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
+    for word, count in (("searches", searches), ("teaching", teaching)):
+        if count is not None and count < 0:
+            raise InputError(f"certify({word})", f"{count}", "0 or more")
     limits = Limits() if limits is None else limits
     taken = draws_of(draws, posterior.names)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
     law = _law(posterior, taken, log_density, rng)
-    points = np.empty((0, posterior.dimension)) if known is None else np.asarray(known[0], dtype=np.float64)
-    doubts = law.doubts(points, seed)
+    known = _known(known, posterior.dimension)
+    doubts = law.doubts(known[0], seed)
     chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
-    truth = _Truth(posterior, chosen.theta, None if store is None else Path(store), executor, progress)
+    truth = Truth(posterior, None if store is None else Path(store), executor, progress)
+    log_true = truth.at(chosen.theta)
+    doubts = (*doubts, *truth.twice())
     inside = np.isfinite(chosen.log_drawn)
+    judges = chosen.inside
     fresh = FreshDraws(
-        chosen.theta[inside], truth.log_density[inside], chosen.log_drawn[inside], chosen.shares[inside], law.population,
-        law.highest, truth.impossible[inside],
+        judges.theta, log_true[inside], judges.log_drawn, judges.shares, law.population, law.highest, truth.impossible[inside]
     )  # fmt: skip
-    runs = (fresh.log_true, fresh.log_drawn)
-    if known is not None:
-        runs = np.concatenate([runs[0], known[1]]), np.concatenate([runs[1], law.log_density(points)])
-    stored = _within_reach(*runs, limits)
+    others = known
+    if posterior.knows_prior and np.isfinite(log_true).any():
+        count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
+        everything = joined((fresh.theta, fresh.log_true), known)
+        others = joined(known, searched(law, everything, fresh.middle, count, truth.at, limits, rng))
     # Where q has no density at all, a run is no draw of it; it may show that something is there.
-    doubts = (*doubts, *truth.doubts, *_cut_off(truth.log_density, inside, posterior.dimension, limits))
-    found = judged(fresh, stored, posterior.names, len(chosen.theta) + 1, look, limits, doubts)
-    return replace(found, subject=law.subject)
+    doubts = (*doubts, *_cut_off(log_true, inside, posterior.dimension, limits))
+    more = len(chosen.theta) // 2 if teaching is None else teaching
+    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, rng)
+    return replace(found, subject=law.subject, searched=len(others[0]) - len(known[0]))
 
 
-def _within_reach(log_true: np.ndarray, log_drawn: np.ndarray, limits: Limits) -> StoredRuns:
-    """Known points near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
-    if not np.isfinite(log_true).any():
-        return StoredRuns()
-    near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
-    return StoredRuns(log_true[near], log_drawn[near])
+def _judged(
+    law: DrawnLaw, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
+    limits: Limits, doubts: tuple[str, ...], rng: np.random.Generator,
+) -> Certificate:  # fmt: skip
+    """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
+    names, before = law.posterior.names, truth.count
+    near = _Near.within_reach(law, fresh, others, limits)
+    found = judged(fresh, near.runs, names, before, 2 * look - 1, limits, doubts)
+    if found.certified or doubts or not np.isfinite(fresh.log_true).all():
+        return found
+    # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
+    looks = itertools.count(2 * look + 1)
+    for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
+        learnt = LearntLaw(law, judges, fresh, others, rng)
+        near, correction = _Near.within_reach(law, fresh, others, limits), learnt.correction
+        again = judged(
+            learnt.judging(), near.learnt(fresh.middle), names, before, next(looks), limits, correction=correction
+        )
+        if again.certified or again.mean_bound.max() < found.mean_bound.max():
+            found = again
+        if again.certified or count == 0 or correction.beyond(limits.mean, limits.sd):
+            break
+        theta = learnt.worth_teaching(count)
+        others = joined(others, (theta, truth.at(theta)))
+    return replace(found, true_runs=truth.count, taught=truth.count - before)
+
+
+def _known(known: Points | None, dimension: int) -> Points:
+    if known is None:
+        return np.empty((0, dimension)), np.empty(0)
+    return np.asarray(known[0], dtype=np.float64), np.asarray(known[1], dtype=np.float64)
+
+
+class _Near(NamedTuple):
+    """Stored runs near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
+
+    runs: StoredRuns
+    covered: np.ndarray
+    """Those where draws of the wider law come."""
+
+    @classmethod
+    def within_reach(cls, law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> _Near:
+        theta, log_true = joined((fresh.theta, fresh.log_true), others)
+        if not np.isfinite(log_true).any():
+            return cls(StoredRuns(), np.empty(0, dtype=bool))
+        log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
+        near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
+        return cls(StoredRuns(log_true[near], log_drawn[near]), law.covers(theta[near]))
+
+    def learnt(self, middle: float) -> StoredRuns:
+        """Compare them with the law that has been learnt: it goes through those that are covered, and others are not its own."""
+        return StoredRuns(self.runs.log_true, np.where(self.covered, self.runs.log_true, self.runs.log_drawn + middle))
 
 
 def _cut_off(log_true: np.ndarray, inside: np.ndarray, dimension: int, limits: Limits) -> tuple[str, ...]:
@@ -147,32 +219,3 @@ def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng:
     if callable(log_density):
         return DensityOfDraws(posterior, draws, log_density, rng)
     return ValuesAtDraws(posterior, draws, log_density, rng)
-
-
-class _Truth:
-    """The true posterior at some points, and at the first of them once more."""
-
-    def __init__(
-        self, posterior: Target, theta: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
-    ) -> None:
-        twice = np.concatenate([theta, theta[:1]])
-        self.impossible = np.zeros(len(theta), dtype=bool)
-        if isinstance(posterior, Posterior):
-            points = np.asarray(posterior.model_parameters(twice))
-            runs = TrueRuns(posterior, points, folder, executor, tell)
-            runs.make()
-            runs.refuse_rest()
-            self.both = posterior.given(runs.responses()).log_density(twice)
-            self.impossible = runs.collapsed(slice(len(theta)))
-        else:
-            self.both = np.asarray(posterior.log_density(twice))
-
-    @property
-    def log_density(self) -> np.ndarray:
-        """Log π at the points, −inf where a run failed."""
-        return np.where(np.isfinite(self.both[:-1]), self.both[:-1], -np.inf)
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """That the same point, run twice, has two densities."""
-        return noise_doubts(self.both[0], self.both[-1])

@@ -52,9 +52,8 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
     for first in range(FOLDS):
         places = np.arange(first, len(last.fresh), FOLDS)
         left = without(places)
-        gap = left.log_density(some) - of_all
-        scale = np.log(np.mean(np.exp(gap - gap.max()))) + gap.max()  # log ∫q₍₎/∫q
-        beside = max(beside, float(np.std(np.exp(gap - scale))))
+        scale, variation = between(left.log_density(some) - of_all)
+        beside = max(beside, variation)
         log_surrogate[places] = left.log_density(last.fresh[places]) - scale
     moved = under.log_density(last.fresh) - last.log_surrogate  # from the old surrogate's posterior to the new one's
     shares = last.shares * np.exp(moved - moved.max())
@@ -69,3 +68,20 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
         highest=highest,
     )
     return judged, beside
+
+
+def between(gap: np.ndarray) -> tuple[float, float]:
+    """Compare two densities by draws of one of them.
+
+    Parameters
+    ----------
+    gap : ndarray, shape (draw,)
+        log p/q at draws of q, both up to a constant.
+
+    Returns
+    -------
+    tuple of float
+        log ∫p/∫q, and the coefficient of variation of p/q over q.
+    """
+    scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
+    return scale, float(np.std(np.exp(gap - scale)))

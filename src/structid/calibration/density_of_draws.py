@@ -35,6 +35,8 @@ class DensityOfDraws(DrawnLaw):
         Source of randomness.
     """
 
+    width = WIDENED
+
     def __init__(
         self,
         posterior: Target,
@@ -126,11 +128,10 @@ class DensityOfDraws(DrawnLaw):
         phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
         theta, jacobian = self.bijection(phi)
         density = self._in_coordinates(phi)
+        log_wide = self.fitted.log_density(phi, WIDENED) + ratio
         with np.errstate(over="ignore"):
-            # Infinite, and the share zero, beyond.
-            of_wide = np.exp(self.fitted.log_density(phi, WIDENED) - density + ratio)
-        mixed = len(plain) + wide_count
-        return Chosen(theta, density - jacobian, mixed / (len(plain) + wide_count * of_wide))
+            shares = (len(plain) + wide_count) / (len(plain) + wide_count * np.exp(log_wide - density))  # 0 beyond
+        return Chosen(theta, density - jacobian, log_wide - jacobian, shares)
 
     def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the density fitted to the draws that lie beyond q's support: near where it cuts through them."""

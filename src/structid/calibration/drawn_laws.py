@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from structid.errors import InputError
 from structid.inference.assessment.fitted_density import FittedDensity
@@ -13,6 +14,8 @@ from structid.inference.target import Target
 
 MANY = 4000
 """Draws that stand for a law at most."""
+COVERED = 0.99
+"""Share of a law in the ball where its draws are said to come."""
 OTHER_SPREAD = 0.7
 """Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
 
@@ -27,13 +30,24 @@ class Chosen:
         In SI.
     log_drawn : ndarray, shape (point,)
         Log density of q there; −inf outside its support, where the model may find that there is something.
+    log_wide : ndarray, shape (point,)
+        Log density of the wider law there, on the scale of q; −inf if there is none.
     shares : ndarray, shape (point,)
         What each counts in an average over q.
     """
 
     theta: np.ndarray
     log_drawn: np.ndarray
+    log_wide: np.ndarray
     shares: np.ndarray
+
+    @property
+    def inside(self) -> Chosen:
+        """Those in q's support."""
+        return self[np.isfinite(self.log_drawn)]
+
+    def __getitem__(self, rows: np.ndarray) -> Chosen:
+        return Chosen(self.theta[rows], self.log_drawn[rows], self.log_wide[rows], self.shares[rows])
 
 
 class DrawnLaw(ABC):
@@ -56,6 +70,10 @@ class DrawnLaw(ABC):
     """What is certified, where it is not the draws."""
     at_draws: np.ndarray
     """Log density of q at draws of it, shape (draw,)."""
+    fitted: FittedDensity
+    """What was fitted to the draws, in unconstrained coordinates."""
+    width = 1.0
+    """Times as wide as the draws is the law that such points come from."""
     enough = 30
     """True runs that mostly decide."""
 
@@ -132,6 +150,22 @@ class DrawnLaw(ABC):
         Chosen
             With what is known of q there.
         """
+
+    def covers(self, theta: np.ndarray) -> np.ndarray:
+        """Say where points for true runs come.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (point,)
+            In the ball of the normal coordinates that holds nearly all of them.
+        """
+        z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
+        return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
     def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
         """Say what speaks against q before the model is run.

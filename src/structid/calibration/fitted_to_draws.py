@@ -75,7 +75,7 @@ class ValuesAtDraws(DrawnLaw):
             Each counts one.
         """
         rows = self.distinct(count, rng)
-        return Chosen(self.flat[rows], self.at_draws[rows], np.ones(len(rows)))
+        return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), np.ones(len(rows)))
 
 
 class FittedToDraws(DensityOfDraws):

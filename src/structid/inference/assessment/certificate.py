@@ -12,11 +12,12 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
-import scipy
 
 from structid.errors import InputError, names_checked
+from structid.inference.assessment.correction import Correction
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.moment_shift import sd_bound, shift, standardised
 from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
 from structid.notebook import ShownAsText
 
@@ -96,7 +97,9 @@ class Certificate(ShownAsText):
     doubts : tuple of str
         Those of them that concern the draws, whatever the model says: they have not converged, or another explorer finds others.
     variation : WeightVariation
-        χ̂ and its bound U: every mean is within U standard deviations.
+        χ̂ and its bound U.
+    mean_bound : ndarray, shape (parameter,)
+        How far each mean may be off, in standard deviations: U, or less where the runs have taught a correction.
     sd_bound : ndarray, shape (parameter,)
         How far each standard deviation may be off, as a share of it.
     shift, shift_error : ndarray, shape (parameter,)
@@ -123,14 +126,19 @@ class Certificate(ShownAsText):
         The limits it had to meet.
     names : tuple of str
         Parameters.
+    correction : Correction or None
+        What the runs have taught of q, where the weights of the draws alone did not decide.
     subject : str
         What is certified, where it is not the draws.
+    searched, taught : int
+        True runs that searched for modes the draws have missed, and that were made to learn where the draws' law is wrong.
     """
 
     verdict: CertificateVerdict
     reasons: tuple[str, ...]
     doubts: tuple[str, ...]
     variation: WeightVariation
+    mean_bound: np.ndarray
     sd_bound: np.ndarray
     shift: np.ndarray
     shift_error: np.ndarray
@@ -145,7 +153,10 @@ class Certificate(ShownAsText):
     true_runs: int
     limits: Limits
     names: tuple[str, ...]
+    correction: Correction | None = None
     subject: str = ""
+    searched: int = 0
+    taught: int = 0
 
     @property
     def certified(self) -> bool:
@@ -169,6 +180,24 @@ class Certificate(ShownAsText):
             return "surrogate and model agree"
         return "they agree after re-weighting" if self.usable else "they do not agree"
 
+    def of_probability(self, p: float) -> float:
+        """How far the probability of an event may be off.
+
+        Parameters
+        ----------
+        p : float
+            What it is for the draws.
+
+        Returns
+        -------
+        float
+            U √(p (1 − p)); where the runs have taught a correction, by whose distance p may be larger, this distance more.
+        """
+        if self.correction is None:
+            return float(self.variation.of_probability(p))
+        distance = self.correction.distance
+        return distance + float(self.variation.of_probability(min(p + distance, 0.5)))
+
     @property
     def unseen(self) -> float:
         """Probability of the largest part of the posterior into which by chance none of the draws may have fallen."""
@@ -177,11 +206,10 @@ class Certificate(ShownAsText):
     @property
     def statement(self) -> str:
         """What it says of the figures, in a sentence."""
-        largest = float(self.sd_bound.max())
+        mean, sd = float(self.mean_bound.max()), float(self.sd_bound.max())
         return (
-            f"every mean is within {self.variation.bound:.2g} standard deviations of the model's, every standard deviation within "
-            f"{100.0 * largest:.2g} %, the probability of an event of 5 % within "
-            f"{100.0 * float(self.variation.of_probability(0.05)):.2g} %"
+            f"every mean is within {mean:.2g} standard deviations of the model's, every standard deviation within "
+            f"{100.0 * sd:.2g} %, the probability of an event of 5 % within {100.0 * self.of_probability(0.05):.2g} %"
         )
 
     @property
@@ -197,16 +225,38 @@ class Certificate(ShownAsText):
         limits = self.limits
         head = " ".join([self.verdict.upper(), *self.subject.split()])
         lines = [
-            f"{head} ({self.true_runs} true runs, {len(self.draws)} of them at fresh draws)",
+            f"{head} ({self._said_of_runs})",
             *([f"  with {limits.confidence:.0%} confidence {self.statement}"] if self.certified else []),
-            f"  weights vary by {_number(self.variation.estimate)}, at most {_number(self.variation.bound)} ({limits.mean:g} is "
-            f"allowed); they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
+            f"  {self._said_of_weights}; they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
             *([self._said_of_stored_runs] if self.within_reach else []),
             f"  not known: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
         return "\n".join(lines)
+
+    @property
+    def _said_of_runs(self) -> str:
+        others = ((self.searched, "in search of further modes"), (self.taught, "to learn where the draws are wrong"))
+        return ", ".join(
+            [
+                f"{self.true_runs} true runs",
+                f"{len(self.draws)} of them at fresh draws",
+                *(f"{count} {why}" for count, why in others if count),
+            ]
+        )
+
+    @property
+    def _said_of_weights(self) -> str:
+        bound = _number(self.variation.bound)
+        if self.correction is None:
+            return (
+                f"weights vary by {_number(self.variation.estimate)}, at most {bound} ({self.limits.mean:g} is allowed)"
+            )
+        return (
+            f"weights vary by {_number(self.variation.estimate)}, at most {bound}, about a law that the runs have taught and that "
+            f"differs from that of the draws in {self.correction.distance:.0%} of the probability"
+        )
 
     @property
     def _said_of_stored_runs(self) -> str:
@@ -225,7 +275,7 @@ class Certificate(ShownAsText):
         """
         said = {k: v for k, v in asdict(self).items() if k not in ("draws", "weights", "log_ratios")}
         said |= {"statement": self.statement, "unknown": self.unknown, "unseen": self.unseen}
-        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in said.items()}
+        return _plain(said)
 
 
 def judged(
@@ -236,6 +286,7 @@ def judged(
     look: int = 1,
     limits: Limits | None = None,
     doubts: tuple[str, ...] = (),
+    correction: Correction | None = None,
 ) -> Certificate:
     """Judge a posterior by true runs at fresh draws of it.
 
@@ -255,6 +306,8 @@ def judged(
         The limits to meet.
     doubts : tuple of str
         What is known against the draws before the model is run: they have not converged, or another explorer finds other ones.
+    correction : Correction, optional
+        From the law that is judged to the one that the densities of `fresh` belong to.
 
     Returns
     -------
@@ -271,9 +324,12 @@ def judged(
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
     variation = replace(variation, bound=variation.bound + fresh.beside)
-    sd_bound = _sd_bound(fresh, variation)
-    shift, error = _shift(fresh, _standardised(fresh))
-    middle = _middle(fresh.log_ratios)
+    mean_off, sd_off = np.full(len(names), variation.bound), sd_bound(fresh, variation)
+    moved, error = shift(fresh, standardised(fresh))
+    if correction is not None:
+        mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)
+        moved, error = correction.mean + correction.sd * moved, np.hypot(correction.mean_error, correction.sd * error)
+    middle = fresh.middle
     excess, within = _excess(stored, middle, limits.reach)
     above = _above(stored, fresh.highest + middle)
     hidden = _understated(stored, middle, limits)
@@ -284,31 +340,40 @@ def judged(
             f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen",
             *missing,
         )
-    reasons = (*missing, *_what_varies(variation, sd_bound, names, limits))
+    reasons = (*missing, *_what_varies(variation, mean_off, sd_off, names, limits, correction))
     verdict: CertificateVerdict = "certified"
     if reasons:
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, doubts, variation, sd_bound, shift, error, fresh.theta, fresh.weights, fresh.log_ratios, look, above,
-        excess, within, failed, true_runs, limits, names,
+        verdict, reasons, doubts, variation, mean_off, sd_off, moved, error, fresh.theta, fresh.weights, fresh.log_ratios, look,
+        above, excess, within, failed, true_runs, limits, names, correction,
     )  # fmt: skip
 
 
 def _what_varies(
-    variation: WeightVariation, sd_bound: np.ndarray, names: tuple[str, ...], limits: Limits
+    variation: WeightVariation,
+    mean_off: np.ndarray,
+    sd_off: np.ndarray,
+    names: tuple[str, ...],
+    limits: Limits,
+    correction: Correction | None,
 ) -> tuple[str, ...]:
-    """What is wrong with the weights."""
+    """What is wrong with the weights, or with what the runs have taught."""
     reasons = []
-    if not variation.bound <= limits.mean:
+    furthest, widest = int(np.argmax(mean_off)), int(np.argmax(sd_off))
+    because = (
+        f"the weights of the draws may vary by {_number(variation.bound)}, so that the mean of {names[furthest]} "
+        if correction is None
+        else f"as the runs have taught, {correction.said_of(furthest, names[furthest])}, and "
+    )
+    if not mean_off[furthest] <= limits.mean:
         reasons.append(
-            f"the weights of the draws may vary by {_number(variation.bound)}, and {limits.mean:g} is the most with which every "
-            f"mean is within {limits.mean:g} standard deviations"
+            f"{because}may be {_number(mean_off[furthest])} standard deviations off; {limits.mean:g} is allowed"
         )
-    widest = int(np.argmax(sd_bound))
-    if not sd_bound[widest] <= limits.sd:
+    if not sd_off[widest] <= limits.sd:
         reasons.append(
-            f"the standard deviation of {names[widest]} may be {sd_bound[widest]:.0%} off, and {limits.sd:.0%} is allowed"
+            f"the standard deviation of {names[widest]} may be {sd_off[widest]:.0%} off, and {limits.sd:.0%} is allowed"
         )
     return tuple(reasons)
 
@@ -337,52 +402,14 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
     return tuple(reasons)
 
 
+def _plain(said: dict[str, Any]) -> dict[str, Any]:
+    return {
+        k: v.tolist() if isinstance(v, np.ndarray) else _plain(v) if isinstance(v, dict) else v for k, v in said.items()
+    }
+
+
 def _number(value: float) -> str:
     return f"{value:.2g}" if np.isfinite(value) else "infinite"
-
-
-def _kurtosis(draws: np.ndarray) -> np.ndarray:
-    """E (x − μ)⁴ / σ⁴ of every marginal."""
-    away = draws - draws.mean(axis=0)
-    variance = np.mean(away**2, axis=0)
-    return np.asarray(np.mean(away**4, axis=0) / np.where(variance > 0.0, variance, 1.0) ** 2)
-
-
-def _standardised(fresh: FreshDraws) -> np.ndarray:
-    """The draws in standard deviations of q from its mean."""
-    sd = fresh.population.std(axis=0)
-    return np.asarray((fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
-
-
-def _shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """E_q (w − 1) f of functions of the parameters, (draw, function), and its Monte-Carlo error."""
-    plain = fresh.shares / fresh.shares.sum()
-    shift = (fresh.weights - plain) @ values
-    # Of a self-normalised estimate.
-    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * shift
-    return shift, np.sqrt(np.sum(contributions**2, axis=0))
-
-
-def _sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
-    """How far each standard deviation may be off, as a share of it.
-
-    Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
-    there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
-    parameters are bounded at once. Where a marginal has long tails, the draws say more.
-    """
-    estimate, error = _shift(fresh, _standardised(fresh) ** 2 - 1.0)
-    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
-    with np.errstate(invalid="ignore"):  # of an infinite variation
-        by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
-    by_variation = variation.of_variance(_kurtosis(fresh.population))
-    off = np.fmin(by_draws, by_variation)
-    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - off, 0.0)))
-
-
-def _middle(ratios: np.ndarray) -> float:
-    """Median of the finite ones."""
-    finite = ratios[np.isfinite(ratios)]
-    return float(np.median(finite)) if len(finite) else 0.0
 
 
 def _above(stored: StoredRuns, highest: float) -> float:

@@ -46,6 +46,12 @@ class FreshDraws:
         return np.where(np.isfinite(self.log_true), self.log_true - self.log_drawn, -np.inf)
 
     @property
+    def middle(self) -> float:
+        """Median of log π/q over the draws whose true run finished."""
+        ratios = self.log_ratios[np.isfinite(self.log_ratios)]
+        return float(np.median(ratios)) if len(ratios) else 0.0
+
+    @property
     def spread(self) -> float:
         """Standard deviation of log π/q over plain draws; infinite where a true run failed, or without draws."""
         ratios = self.log_ratios[np.isfinite(self.log_true)]

@@ -22,6 +22,10 @@ KURTOSIS = 6.0
 """Smallest kurtosis of the weights that the bound reckons with: twice a normal law's, since errors of a surrogate are largest in
 the tails. Where the draws themselves show a larger one, that is taken."""
 
+NOISE = 0.02
+"""Standard deviation of noise that is added to the weights, in thought, and taken away again from the bound. One weight that stands
+out of others that hardly vary says little of a variance; it says more of a variance to which that of the noise was added."""
+
 
 @dataclass(frozen=True)
 class WeightVariation:
@@ -37,12 +41,15 @@ class WeightVariation:
         That.
     draws : float
         Effective number of draws behind it.
+    inflation : float
+        How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise.
     """
 
     estimate: float
     bound: float
     confidence: float
     draws: float
+    inflation: float = 1.0
 
     def of_probability(self, p: float | np.ndarray) -> float | np.ndarray:
         """Largest error of the probability of an event.
@@ -58,11 +65,6 @@ class WeightVariation:
             U √(p (1 − p)).
         """
         return self.bound * np.sqrt(p * (1.0 - p))
-
-    @property
-    def inflation(self) -> float:
-        """U/χ̂: how much larger than an estimate from these draws a standard deviation may be."""
-        return self.bound / self.estimate if self.estimate > 0.0 else 1.0
 
     def of_variance(self, kurtosis: np.ndarray) -> np.ndarray:
         """Largest relative error of a variance.
@@ -96,7 +98,8 @@ def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: flo
     -------
     WeightVariation
         With s² the variance of the weights, ν s²/χ² is nearly of a chi-squared law of ν = 2 (n − 1)/(κ − 1) degrees of freedom (n
-        effective draws, κ the kurtosis of the weights), whence U = χ̂ √(ν/χ²_ν(1 − confidence)).
+        effective draws, κ the kurtosis of the weights), whence U = χ̂ √(ν/χ²_ν(1 − confidence)). With noise of the variance ε² added
+        to the weights, U² + ε² bounds χ² + ε² in the same way, and κ is smaller; the smaller U of both is taken.
     """
     shares = shares / shares.sum()
     count = weighted_size(shares)
@@ -108,9 +111,19 @@ def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: flo
     moments = [float(shares @ (weights - 1.0) ** power) for power in (2, 4)]
     if moments[0] == 0.0:
         return WeightVariation(0.0, 0.0, confidence, count)
-    kurtosis = max(KURTOSIS, moments[1] / moments[0] ** 2)
-    freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)
+    fourth = max(KURTOSIS, moments[1] / moments[0] ** 2) * moments[0] ** 2
     variation = float(np.sqrt(moments[0] * count / (count - 1.0)))
+    plain, aided = (_bound(moments[0], fourth, noise, count, confidence) for noise in (0.0, NOISE))
+    return WeightVariation(variation, min(plain, aided), confidence, count, plain / variation)
+
+
+def _bound(variance: float, fourth: float, noise: float, count: float, confidence: float) -> float:
+    """U, by weights to which independent normal noise was added, whose variance and fourth moment are known."""
+    spread = variance + noise**2
+    kurtosis = (fourth + 6.0 * variance * noise**2 + 3.0 * noise**4) / spread**2
+    freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)
     quantile = float(scipy.stats.chi2.ppf(1.0 - confidence, freedom))
-    bound = variation * np.sqrt(freedom / quantile) if quantile > 0.0 else np.inf
-    return WeightVariation(variation, float(bound), confidence, count)
+    if quantile == 0.0:
+        return float("inf")
+    unbiased = variance * count / (count - 1.0) + noise**2
+    return float(np.sqrt(max(unbiased * freedom / quantile - noise**2, 0.0)))

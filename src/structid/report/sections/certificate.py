@@ -117,10 +117,10 @@ def _asked(certificate: Certificate) -> list[list[str]]:
 
 def _bounds(certificate: Certificate) -> list[list[str]]:
     """Bounds of every parameter's moments."""
-    rows = zip(certificate.names, certificate.sd_bound, certificate.shift, certificate.shift_error, strict=True)
+    figures = (certificate.mean_bound, certificate.sd_bound, certificate.shift, certificate.shift_error)
     return [
-        [pretty(name), f"{certificate.variation.bound:.2g}", f"{sd:.2g}", f"{shift:+.3f} ± {error:.3f}"]
-        for name, sd, shift, error in rows
+        [pretty(name), f"{mean:.2g}", f"{sd:.2g}", f"{shift:+.3f} ± {error:.3f}"]
+        for name, mean, sd, shift, error in zip(certificate.names, *figures, strict=True)
     ]
 
 

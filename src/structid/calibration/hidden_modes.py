@@ -1,0 +1,98 @@
+"""A search for what draws have missed: runs where a mode could be that the drawn law does not have.
+
+Draws say nothing of where they are not. A Kriging of the log density, at all runs that are known, says where it could be high.
+It is unsure where nobody has been. The model is run at those draws of the prior that are most likely to have a density that
+matters. If one of them has, it outranks the draws, and no certificate is given. What is not found may still be there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from structid.calibration.drawn_laws import DrawnLaw
+from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, Points, standardised_by
+from structid.inference.assessment.certificate import Limits
+
+SCOUTS = 4000
+"""Draws of the prior among which a run is chosen."""
+AT_ONCE = 3
+"""Runs of a round: each tells much of where the next one should be."""
+APART = 0.3
+"""Smallest distance between two of them, in standard deviations of the prior."""
+HOPELESS = -4.0
+"""Standard deviations of the Kriging below what would matter at which the search ends."""
+
+
+def searched(
+    law: DrawnLaw,
+    known: Points,
+    middle: float,
+    count: int,
+    run: Callable[[np.ndarray], np.ndarray],
+    limits: Limits,
+    rng: np.random.Generator,
+) -> Points:
+    """Run the model where a mode could be that q does not have.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        q.
+    known : tuple of ndarray
+        All runs of before.
+    middle : float
+        log π/q, in the middle of the draws.
+    count : int
+        Runs at most.
+    run : callable
+        From points (point, parameter) in SI to log π there.
+    limits : Limits
+        Which say what would matter.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    tuple of ndarray
+        The runs that were made. The search ends when something is found, or when nothing is likely to be.
+    """
+    scouts = law.posterior.initial(SCOUTS, rng)
+    scouts = scouts[np.isfinite(scouts).all(axis=1)]
+    chart = standardised_by(scouts)
+    theta, jacobian = law.bijection(scouts)
+    of_draws = law.log_density(theta) + middle
+    free = of_draws < known[1].max() - limits.reach  # what the draws do not visit
+    made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
+    while len(made[0]) < count and free.any():
+        everything = np.concatenate([known[0], made[0]]), np.concatenate([known[1], made[1]])
+        highest = everything[1].max()
+        phi = law.bijection.inverse(everything[0])
+        values = everything[1] + law.bijection(phi)[1]
+        ran = np.isfinite(values)
+        forms = [(chart, correlation) for correlation in CORRELATIONS]
+        kriged = KrigedDensity.best(forms, phi[ran], values[ran], np.ones(int(ran.sum())))
+        mean, deviation = kriged.at(scouts)
+        matters = np.maximum(highest - limits.reach, of_draws + limits.excess)
+        chance = np.where(free, (mean - jacobian - matters) / np.maximum(deviation, 1e-9), -np.inf)
+        places = _apart(chance, chart(scouts)[0], min(AT_ONCE, count - len(made[0])))
+        if not len(places):
+            break
+        found = run(theta[places])
+        made = np.concatenate([made[0], theta[places]]), np.concatenate([made[1], found])
+        free[places] = False
+        if (found >= matters[places]).any():
+            break
+    return made
+
+
+def _apart(chance: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
+    """The most promising points, no two of them close to one another."""
+    places: list[int] = []
+    for place in np.argsort(-chance):
+        if len(places) == count or chance[place] < HOPELESS:
+            break
+        if all(np.linalg.norm(z[place] - z[other]) > APART for other in places):
+            places.append(int(place))
+    return np.array(places, dtype=int)

@@ -1,0 +1,151 @@
+"""What true runs teach of a law that another program drew: a law q′ between it and the true posterior.
+
+The weights π/q vary where q is wrong, whether that matters or not. A Kriging of log π, at the runs of the certificate and at
+those that somebody knows, gives a law q′ that is nearer. Its moments, less those of q, are known without a run (see
+`Correction`). The runs judge q′: each is compared with a Kriging that has not seen it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from structid.calibration.cross_judged import FOLDS, between
+from structid.calibration.drawn_laws import Chosen, DrawnLaw
+from structid.calibration.kriged_density import (
+    CORRELATIONS,
+    KrigedDensity,
+    Points,
+    in_parameters,
+    normal_by,
+    standardised_by,
+)
+from structid.inference.assessment.correction import Correction
+from structid.inference.assessment.fresh_draws import FreshDraws
+
+MANY = 6000
+"""Points at which q and q′ are compared."""
+COMPARED = 1000
+"""Draws of q′ at which the laws of the folds are compared with it."""
+SURE = 0.5
+"""Standard deviation of the Kriging at which it counts by e⁻¹ [nat]."""
+MOST_UNSURE = 2.0
+"""Standard deviation of the Kriging beyond which it makes no difference to where a run is made [nat]."""
+TAILS = 0.02
+"""Share of the wider law where nothing was learnt: weights of an approximation with short tails have no variation."""
+DEEPEST = 60.0
+"""Known runs further below the best than this teach nothing of where the posterior is [nat]."""
+
+
+class LearntLaw:
+    """q′, learnt from true runs.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        q.
+    judges : Chosen
+        Fresh draws, in q's support.
+    fresh : FreshDraws
+        The same, with what the model says; none has failed.
+    known : tuple of ndarray
+        Further points (point, parameter) in SI, and log π there.
+    rng : numpy.random.Generator
+        Chooses points at which q and q′ are compared.
+    """
+
+    def __init__(
+        self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
+    ) -> None:
+        self.law, self.judges, self.fresh, self.rng = law, judges, fresh, rng
+        self.kriged = _kriged(law, fresh, known)
+        self.many = law.chosen(MANY, rng).inside
+        self.compared = FreshDraws(
+            self.many.theta,
+            self._log_density(self.kriged, self.many),
+            self.many.log_drawn,
+            self.many.shares,
+            law.population,
+            law.highest,
+        )
+
+    @property
+    def correction(self) -> Correction:
+        """From q to q′."""
+        return Correction.between(self.compared)
+
+    def judging(self) -> FreshDraws:
+        """Let the fresh draws judge q′.
+
+        Returns
+        -------
+        FreshDraws
+            The same draws, with log densities of laws that have not seen them, and shares of averages over q′.
+        """
+        fresh, count = self.fresh, len(self.fresh.theta)
+        rows = self.rng.choice(len(self.many.theta), size=len(self.law.population), p=self.compared.weights)
+        some = rows[:COMPARED]
+        log_drawn, beside = np.empty(count), 0.0
+        for fold in range(FOLDS):
+            places = np.arange(fold, count, FOLDS)
+            left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
+            scale, variation = between(self._log_density(left, self.many[some]) - self.compared.log_true[some])
+            beside = max(beside, variation)
+            log_drawn[places] = self._log_density(left, self.judges[places]) - scale
+        moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
+        return replace(
+            fresh,
+            log_drawn=log_drawn,
+            shares=fresh.shares * np.exp(moved - moved.max()),
+            population=self.many.theta[rows],
+            highest=fresh.highest + fresh.middle,
+            beside=beside,
+        )
+
+    def worth_teaching(self, count: int) -> np.ndarray:
+        """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (point, parameter)
+            In SI.
+        """
+        covered = self.law.covers(self.many.theta)
+        theta, shares = self.many.theta[covered], self.compared.weights[covered]
+        phi = self.law.bijection.inverse(theta)
+        places: list[int] = []
+        kriged = self.kriged
+        for _ in range(count if covered.any() else 0):
+            mean, deviation = kriged.at(phi)
+            # What a wrong weight adds to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
+            places.append(int(np.argmax(shares * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
+            kriged = kriged.believing(phi[places[-1:]], mean[places[-1:]])
+        return np.asarray(theta[places])
+
+    def _log_density(self, kriged: KrigedDensity, points: Chosen) -> np.ndarray:
+        """Log q′ with respect to θ: the Kriging where it is sure, and q with longer tails where the runs have taught nothing."""
+        phi = self.law.bijection.inverse(points.theta)
+        mean, deviation = kriged.at(phi)
+        trust = np.where(self.law.covers(points.theta), np.exp(-((deviation / SURE) ** 2)), 0.0)
+        untaught = np.logaddexp(points.log_drawn, np.log(TAILS) + points.log_wide) + self.fresh.middle
+        return np.asarray(untaught + trust * (mean - self.law.bijection(phi)[1] - untaught))
+
+
+def _kriged(law: DrawnLaw, fresh: FreshDraws, known: Points) -> KrigedDensity:
+    """Log π with respect to φ, at the known runs that matter and last at the fresh ones."""
+    theta, log_true = known
+    with np.errstate(invalid="ignore", divide="ignore"):
+        inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
+    near = inside & (log_true >= fresh.log_true.max() - DEEPEST)
+    theta, first = np.unique(theta[near], axis=0, return_index=True)
+    phi = law.bijection.inverse(np.concatenate([theta, fresh.theta]))
+    values = np.concatenate([log_true[near][first], fresh.log_true]) + law.bijection(phi)[1]
+    charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
+    forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
+    return KrigedDensity.best(forms, phi, values, np.concatenate([np.zeros(len(theta)), fresh.shares]))

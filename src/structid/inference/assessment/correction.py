@@ -1,0 +1,129 @@
+"""What true runs have taught of an approximation: a law between it and the true posterior, whose moments cost no run.
+
+Let q be the law that was drawn, and q′ a law that is nearer to the true posterior π. How far the moments of q are from those of
+q′ costs no run of the model to know: both densities are functions. How far those of q′ are from those of π, true runs say.
+Where q′ is good, this is little. The sum of both is then a sharper statement on q than the weights π/q allow: they bound what
+could be, and the correction says what is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.inference.assessment.fresh_draws import FreshDraws
+from structid.inference.assessment.moment_shift import shift, standardised
+
+ERRORS = 3.0
+"""Monte-Carlo errors that are added to what moves a mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """How far q′ is from q.
+
+    Parameters
+    ----------
+    distance : float
+        Total variation, ½ ∫|q′ − q|: no probability of an event differs by more.
+    mean, mean_error : ndarray, shape (parameter,)
+        Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error.
+    sd : ndarray, shape (parameter,)
+        Standard deviation of q′ over that of q.
+    """
+
+    distance: float
+    mean: np.ndarray
+    mean_error: np.ndarray
+    sd: np.ndarray
+
+    @classmethod
+    def between(cls, draws: FreshDraws) -> Correction:
+        """Compare two laws by draws at which both are known.
+
+        Parameters
+        ----------
+        draws : FreshDraws
+            Many draws of q, or of something wider, with log q′ in the place of the true log density.
+
+        Returns
+        -------
+        Correction
+            From q to q′.
+        """
+        standard = standardised(draws)
+        mean, error = shift(draws, standard)
+        plain = draws.shares / draws.shares.sum()
+        variances = [_variance(weights, standard) for weights in (draws.weights, plain)]
+        return cls(0.5 * float(np.abs(draws.weights - plain).sum()), mean, error, np.sqrt(variances[0] / variances[1]))
+
+    def beyond(self, mean: float, sd: float) -> bool:
+        """Whether q is so far off that it will not be certified, however well q′ is known.
+
+        Parameters
+        ----------
+        mean, sd : float
+            Limits of means, in standard deviations, and of standard deviations, as a share.
+
+        Returns
+        -------
+        bool
+            True if one of them is exceeded.
+        """
+        return bool(np.abs(self.mean).max() > mean or np.abs(self.sd - 1.0).max() > sd)
+
+    def said_of(self, place: int, name: str) -> str:
+        """Say how far a mean is off.
+
+        Parameters
+        ----------
+        place : int
+            Of the parameter.
+        name : str
+            Its name.
+
+        Returns
+        -------
+        str
+            Without a full stop.
+        """
+        return (
+            f"the mean of {name} lies {self.mean[place]:+.2f} ± {self.mean_error[place]:.2f} standard deviations away"
+        )
+
+    def mean_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the means of q may be from the true ones.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter,)
+            The same of q′, in its own standard deviations.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            In standard deviations of q.
+        """
+        return np.asarray(np.abs(self.mean) + ERRORS * self.mean_error + bound * self.sd)
+
+    def sd_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the true standard deviations may be from those of q, as a share of these.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter,)
+            The same of q′.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            The product of both ratios is that far from one.
+        """
+        return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
+
+
+def _variance(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Weighted variance of each column."""
+    away = values - weights @ values
+    return np.asarray(weights @ away**2)

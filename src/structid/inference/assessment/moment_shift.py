@@ -1,0 +1,83 @@
+"""How far weights move means and standard deviations, and how far the true ones may be from those that were drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy
+
+from structid.inference.assessment.fresh_draws import FreshDraws
+from structid.inference.assessment.weight_variation import WeightVariation
+
+
+def standardised(fresh: FreshDraws) -> np.ndarray:
+    """Give the draws in standard deviations of q from its mean.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws, and a population of q.
+
+    Returns
+    -------
+    ndarray, shape (draw, parameter)
+        Of no unit.
+    """
+    sd = fresh.population.std(axis=0)
+    return np.asarray((fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
+
+
+def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """E_q (w − 1) f of functions of the parameters.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        Draws with weights.
+    values : ndarray, shape (draw, function)
+        f at the draws.
+
+    Returns
+    -------
+    tuple of ndarray, shape (function,)
+        By how much the weights move the averages, and the Monte-Carlo error of that.
+    """
+    plain = fresh.shares / fresh.shares.sum()
+    moved = (fresh.weights - plain) @ values
+    # Of a self-normalised estimate.
+    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * moved
+    return moved, np.sqrt(np.sum(contributions**2, axis=0))
+
+
+def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+    """How far each standard deviation may be off, as a share of it.
+
+    Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
+    there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
+    parameters are bounded at once. Where a marginal has long tails, the draws say more.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+    variation : WeightVariation
+        Of their weights.
+
+    Returns
+    -------
+    ndarray, shape (parameter,)
+        1 − √(1 − bound of the relative error of the variance).
+    """
+    estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
+    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
+    with np.errstate(invalid="ignore"):  # of an infinite variation
+        by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
+    by_variation = variation.of_variance(_kurtosis(fresh.population))
+    off = np.fmin(by_draws, by_variation)
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - off, 0.0)))
+
+
+def _kurtosis(draws: np.ndarray) -> np.ndarray:
+    """E (x − μ)⁴ / σ⁴ of every marginal."""
+    away = draws - draws.mean(axis=0)
+    variance = np.mean(away**2, axis=0)
+    return np.asarray(np.mean(away**4, axis=0) / np.where(variance > 0.0, variance, 1.0) ** 2)

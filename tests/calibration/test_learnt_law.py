@@ -1,0 +1,145 @@
+"""What runs teach of somebody's draws: good ones with bad tails pass, others do not; modes that they lack are searched for."""
+
+import numpy as np
+import pytest
+import scipy.stats
+
+import structid as si
+from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, in_parameters, normal_by, standardised_by
+from structid.inference.assessment.fitted_density import FittedDensity
+from structid.probability.bijections import Bijection
+
+NAMES = ("a", "b", "c")
+SPACE = si.ParameterSpace(**{n: si.Normal(0.0, 3.0) for n in NAMES})
+PRIOR = [(-np.inf, np.inf)] * 3
+
+
+def target(log_density):
+    return si.LogDensity(log_density, NAMES, SPACE, dict(zip(NAMES, PRIOR, strict=True)))
+
+
+def bent(x):
+    """A normal law, bent."""
+    y = np.column_stack([x[:, 0], x[:, 1] - 0.15 * x[:, 0] ** 2, x[:, 2]])
+    return scipy.stats.norm.logpdf(y).sum(axis=1)
+
+
+def of_bent(count, seed):
+    y = np.random.default_rng(seed).standard_normal((count, 3))
+    return np.column_stack([y[:, 0], y[:, 1] + 0.15 * y[:, 0] ** 2, y[:, 2]])
+
+
+def rough(x):
+    """The same with ripples of a tenth of a nat, as a fit of few runs has, and tails of half a nat too little at three widths."""
+    return bent(x) + 0.25 * np.sin(2.0 * x[:, 0]) * np.cos(1.7 * x[:, 2]) - 0.002 * (x[:, 2] ** 2) ** 2
+
+
+def of_rough(count, seed):
+    """By rejection from the bent law."""
+    some = of_bent(4 * count, seed)
+    accepted = np.random.default_rng(seed + 100).uniform(size=len(some)) < np.exp(rough(some) - bent(some) - 0.25)
+    return some[accepted][:count]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(seed):
+    """Ripples that move no mean: weights alone would ask for a χ that is half as large."""
+    rng = np.random.default_rng(seed)
+    known = 2.0 * rng.standard_normal((120, 3))
+    found = si.certify(
+        target(bent),
+        of_rough(6000, seed),
+        rough,
+        true_runs=60,
+        known=(known, bent(known)),
+        limits=si.Limits(0.15, 0.15),
+        seed=seed,
+    )
+    assert found.certified and found.correction is not None, str(found)
+    assert np.abs(found.correction.mean).max() < 0.1 and found.true_runs <= 61 + 10 + 30
+    assert "about a law that the runs have taught" in str(found)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
+    moved = np.array([0.3, 0.0, 0.0])
+    found = si.certify(target(bent), of_bent(6000, seed) + moved, lambda x: bent(x - moved), seed=seed)
+    assert not found.certified
+    assert found.correction is not None
+    assert found.correction.mean[0] == pytest.approx(-0.3, abs=0.05)
+    assert found.true_runs <= 31 + 5  # it teaches no further: this law is not to be certified
+
+
+def two_modes(x):
+    here, there = scipy.stats.norm.logpdf(x, 1.5, 0.3).sum(axis=1), scipy.stats.norm.logpdf(x, -1.5, 0.3).sum(axis=1)
+    return np.logaddexp(here, there)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
+    """The prior's draws that a few known runs do not rule out are run; the runs that somebody has made there help."""
+    rng = np.random.default_rng(seed)
+    some = rng.normal(1.5, 0.3, (6000, 3))
+    known = SPACE.sample(60, seed).values
+    density = lambda x: scipy.stats.norm.logpdf(x, 1.5, 0.3).sum(axis=1)  # noqa: E731
+    options = {"true_runs": 60, "known": (known, two_modes(known)), "seed": seed}
+    unseen = si.certify(target(two_modes), some, density, searches=0, **options)
+    near = np.linalg.norm(known + 1.5, axis=1) < 1.3  # a known run within reach of it says so itself
+    assert unseen.certified == (not near.any()), str(unseen)
+    found = si.certify(target(two_modes), some, density, searches=20, **options)
+    assert not found.certified and "than the law that was drawn" in str(found), str(found)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_search_that_finds_nothing_takes_no_certificate_away(seed):
+    found = si.certify(target(bent), of_bent(6000, seed), bent, searches=10, seed=seed)
+    assert found.certified and found.true_runs <= 31 + 10
+
+
+@pytest.mark.parametrize("word", ["searches", "teaching"])
+def test_numbers_of_runs(word):
+    with pytest.raises(si.InputError, match=rf"certify\({word}\).*0 or more"):
+        si.certify(target(bent), of_bent(500, 1), bent, **{word: -1})
+
+
+# --- the Kriging of a log density --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("correlation", CORRELATIONS)
+def test_errors_fall_with_the_runs(correlation):
+    """Of a log density that no trend holds."""
+    other = of_bent(400, 9)
+    errors = []
+    for count in (40, 160):
+        phi = of_bent(count, 5)
+        kriged = KrigedDensity.fitted(standardised_by(phi), correlation, phi, rough(phi))
+        errors.append(np.sqrt(np.mean((kriged.at(other)[0] - rough(other)) ** 2)))
+        np.testing.assert_allclose(kriged.at(phi)[0], rough(phi), atol=1e-3)
+    assert errors[1] < 0.5 * errors[0]
+
+
+def test_charts():
+    """All three give the same density back; near a bound that of the parameters is best."""
+    bijection = Bijection(np.array([[0.0, 1.0], [-np.inf, np.inf], [-np.inf, np.inf]]))
+    rng = np.random.default_rng(2)
+    theta = np.column_stack([rng.beta(1.0, 0.6, 90), rng.standard_normal((90, 2))])
+    phi = bijection.inverse(theta)
+    values = -2.0 * theta[:, 0] ** 2 - 0.5 * (theta[:, 1:] ** 2).sum(axis=1) + bijection(phi)[1]
+    fitted = FittedDensity.of(phi, rng)
+    charts = {"parameters": in_parameters(bijection, theta), "φ": standardised_by(phi), "normal": normal_by(fitted)}
+    errors = {w: KrigedDensity.fitted(c, "gaussian", phi, values).error(np.ones(90)) for w, c in charts.items()}
+    assert min(errors, key=errors.get) == "parameters" and errors["parameters"] < 0.1 * errors["φ"], errors
+    chosen = KrigedDensity.best([(c, "gaussian") for c in charts.values()], phi, values, np.ones(90))
+    assert chosen.chart is charts["parameters"]
+
+
+def test_left_out_runs_are_not_known():
+    phi = of_bent(80, 3)
+    values = bent(phi)
+    values[5] += 3.0  # a run that is wrong
+    whole = KrigedDensity.fitted(standardised_by(phi), "matern52", phi, values)
+    left = whole.without(np.array([5]))
+    assert len(left.phi) == 79
+    assert abs(whole.at(phi[5:6])[0][0] - values[5]) < 0.05 and abs(left.at(phi[5:6])[0][0] - values[5]) > 1.0
+    sure = left.believing(phi[5:6], left.at(phi[5:6])[0])
+    assert sure.at(phi[5:6])[1][0] < 0.7 * left.at(phi[5:6])[1][0]
