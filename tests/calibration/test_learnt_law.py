@@ -70,6 +70,28 @@ def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
     assert found.true_runs <= 31 + 5  # it teaches no further: this law is not to be certified
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_a_run_that_no_other_one_foretells_is_not_learnt_away(seed):
+    """A heavy spike among the draws, as narrow as a fiftieth of them: a Kriging goes through any run."""
+    top = np.array([1.5, 0.3, -1.0])
+
+    def spiked(x):
+        return np.logaddexp(bent(x), scipy.stats.norm.logpdf(x, top, 0.02).sum(axis=1))
+
+    known = np.concatenate([2.0 * np.random.default_rng(seed).standard_normal((80, 3)), top[None]])
+    found = si.certify(target(spiked), of_rough(6000, seed), rough, known=(known, spiked(known)), seed=seed)
+    assert not found.certified and "nats more density than the law that was drawn" in str(found), str(found)
+
+
+def test_what_lies_beyond_the_draws_is_told():
+    """Draws of half the width: where most of the posterior is, no fresh draw comes."""
+    known = 2.0 * np.random.default_rng(1).standard_normal((120, 3))
+    narrow = 0.5 * np.random.default_rng(2).standard_normal((6000, 3))
+    density = lambda x: scipy.stats.norm.logpdf(x, 0.0, 0.5).sum(axis=1)  # noqa: E731
+    found = si.certify(target(bent), narrow, density, known=(known, bent(known)), seed=1)
+    assert not found.certified and "of the posterior lies beyond the draws" in str(found), str(found)
+
+
 def two_modes(x):
     here, there = scipy.stats.norm.logpdf(x, 1.5, 0.3).sum(axis=1), scipy.stats.norm.logpdf(x, -1.5, 0.3).sum(axis=1)
     return np.logaddexp(here, there)

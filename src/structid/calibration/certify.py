@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
@@ -146,18 +146,16 @@ def _judged(
 ) -> Certificate:  # fmt: skip
     """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
     names, before = law.posterior.names, truth.count
-    near = _Near.within_reach(law, fresh, others, limits)
-    found = judged(fresh, near.runs, names, before, 2 * look - 1, limits, doubts)
+    near = _within_reach(law, fresh, others, limits)
+    found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts)
     if found.certified or doubts or not np.isfinite(fresh.log_true).all():
         return found
     # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
     looks = itertools.count(2 * look + 1)
     for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
         learnt = LearntLaw(law, judges, fresh, others, rng)
-        near, correction = _Near.within_reach(law, fresh, others, limits), learnt.correction
-        again = judged(
-            learnt.judging(), near.learnt(fresh.middle), names, before, next(looks), limits, correction=correction
-        )
+        near, correction = learnt.stored(limits), learnt.correction
+        again = judged(learnt.judging(), near, names, before, next(looks), limits, learnt.doubts, correction)
         if again.certified or again.mean_bound.max() < found.mean_bound.max():
             found = again
         if again.certified or count == 0 or correction.beyond(limits.mean, limits.sd):
@@ -173,25 +171,12 @@ def _known(known: Points | None, dimension: int) -> Points:
     return np.asarray(known[0], dtype=np.float64), np.asarray(known[1], dtype=np.float64)
 
 
-class _Near(NamedTuple):
-    """Stored runs near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
-
-    runs: StoredRuns
-    covered: np.ndarray
-    """Those where draws of the wider law come."""
-
-    @classmethod
-    def within_reach(cls, law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> _Near:
-        theta, log_true = joined((fresh.theta, fresh.log_true), others)
-        if not np.isfinite(log_true).any():
-            return cls(StoredRuns(), np.empty(0, dtype=bool))
-        log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
-        near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
-        return cls(StoredRuns(log_true[near], log_drawn[near]), law.covers(theta[near]))
-
-    def learnt(self, middle: float) -> StoredRuns:
-        """Compare them with the law that has been learnt: it goes through those that are covered, and others are not its own."""
-        return StoredRuns(self.runs.log_true, np.where(self.covered, self.runs.log_true, self.runs.log_drawn + middle))
+def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
+    """Runs near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
+    log_true = np.concatenate([fresh.log_true, others[1]])
+    log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
+    near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
+    return StoredRuns(log_true[near], log_drawn[near])
 
 
 def _cut_off(log_true: np.ndarray, inside: np.ndarray, dimension: int, limits: Limits) -> tuple[str, ...]:

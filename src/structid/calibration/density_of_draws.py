@@ -16,6 +16,8 @@ WIDE_SHARE = 1.0 / 3.0
 """Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
 WIDENED = 1.4
 """Times as wide as the draws is that law, about as wide as q^½."""
+AROUND = (WIDENED, 3.0)
+"""Widths of the laws from which points without a run of the model come."""
 SEARCHED = 20_000
 """Draws of the fitted density among which points beyond the support of q are looked for: q may have been cut off."""
 DEEPEST = 100.0
@@ -119,19 +121,61 @@ class DensityOfDraws(DrawnLaw):
         beyond = self._beyond(wide_count // 2, rng)
         wide_count -= len(beyond)
         wide = self.fitted.draw(MANY, rng, WIDENED)
+        inside = np.isfinite(
+            self._in_coordinates(wide)
+        )  # of the wider law that part is taken which lies in q's support
+        log_integral = self._log_integral(many, wide) - np.log(inside.mean())
+        phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
+        return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
+
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Draws, and as many of laws that are wider and much wider; see `DrawnLaw.around`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture of all of them.
+        """
+        each = count // (1 + len(AROUND))
+        plain = self._many[rng.permutation(len(self._many))[:each]]
+        others = [self.fitted.draw(each, rng, width) for width in AROUND]
+        log_integral = self._log_integral(self._many, others[0])
+        return self._of_mixture(
+            np.concatenate([plain, *others]), [len(plain), *map(len, others)], list(AROUND), log_integral
+        )
+
+    @property
+    def _many(self) -> np.ndarray:
+        """Draws of q, in unconstrained coordinates."""
+        return self.phi
+
+    def _log_integral(self, many: np.ndarray, wide: np.ndarray) -> float:
+        """Log ∫q, by draws of q and of the wider law, whose density is normalised."""
         own = self._in_coordinates(wide)
-        inside = np.isfinite(own)  # of the wider law that part is taken which lies in q's support
+        inside = np.isfinite(own)
         some = many[:: max(1, len(many) // MANY)]
         forward = own[inside] - self.fitted.log_density(wide[inside], WIDENED)
         backward = self._in_coordinates(some) - self.fitted.log_density(some, WIDENED)
-        ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t
-        phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
+        ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t, t within q's support
+        return float(ratio + np.log(inside.mean()))
+
+    def _of_mixture(self, phi: np.ndarray, counts: list[int], widths: list[float], log_integral: float) -> Chosen:
+        """Points of a mixture of so many draws of q and of laws of other widths, with all log densities on the scale of q."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            phi = phi[np.isfinite(self.bijection.inverse(self.bijection(phi)[0])).all(axis=1)]  # so far away is a bound
         theta, jacobian = self.bijection(phi)
-        density = self._in_coordinates(phi)
-        log_wide = self.fitted.log_density(phi, WIDENED) + ratio
-        with np.errstate(over="ignore"):
-            shares = (len(plain) + wide_count) / (len(plain) + wide_count * np.exp(log_wide - density))  # 0 beyond
-        return Chosen(theta, density - jacobian, log_wide - jacobian, shares)
+        own = self._in_coordinates(phi)
+        wider = [self.fitted.log_density(phi, width) + log_integral for width in widths]
+        parts = [np.log(count) + log for count, log in zip(counts, [own, *wider], strict=True) if count]
+        mixture = np.logaddexp.reduce(parts) - np.log(sum(counts))
+        return Chosen(theta, own - jacobian, wider[0] - jacobian, mixture - jacobian)
 
     def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Draws of the density fitted to the draws that lie beyond q's support: near where it cuts through them."""

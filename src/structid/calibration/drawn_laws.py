@@ -32,14 +32,19 @@ class Chosen:
         Log density of q there; −inf outside its support, where the model may find that there is something.
     log_wide : ndarray, shape (point,)
         Log density of the wider law there, on the scale of q; −inf if there is none.
-    shares : ndarray, shape (point,)
-        What each counts in an average over q.
+    log_mixture : ndarray, shape (point,)
+        Likewise, of the mixture g that the points come from.
     """
 
     theta: np.ndarray
     log_drawn: np.ndarray
     log_wide: np.ndarray
-    shares: np.ndarray
+    log_mixture: np.ndarray
+
+    @property
+    def shares(self) -> np.ndarray:
+        """q/g, what each counts in an average over q."""
+        return np.asarray(np.exp(self.log_drawn - self.log_mixture))
 
     @property
     def inside(self) -> Chosen:
@@ -47,7 +52,7 @@ class Chosen:
         return self[np.isfinite(self.log_drawn)]
 
     def __getitem__(self, rows: np.ndarray) -> Chosen:
-        return Chosen(self.theta[rows], self.log_drawn[rows], self.log_wide[rows], self.shares[rows])
+        return Chosen(self.theta[rows], self.log_drawn[rows], self.log_wide[rows], self.log_mixture[rows])
 
 
 class DrawnLaw(ABC):
@@ -149,6 +154,23 @@ class DrawnLaw(ABC):
         -------
         Chosen
             With what is known of q there.
+        """
+
+    @abstractmethod
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Choose points at which other laws are compared with q, without a run of the model.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            From much further around than points for true runs, also beyond q's support.
         """
 
     def covers(self, theta: np.ndarray) -> np.ndarray:

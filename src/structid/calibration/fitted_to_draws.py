@@ -75,7 +75,24 @@ class ValuesAtDraws(DrawnLaw):
             Each counts one.
         """
         rows = self.distinct(count, rng)
-        return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), np.ones(len(rows)))
+        return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), self.at_draws[rows])
+
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Draws alone; see `DrawnLaw.around`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            As in `chosen`.
+        """
+        return self.chosen(count, rng)
 
 
 class FittedToDraws(DensityOfDraws):
@@ -97,6 +114,10 @@ class FittedToDraws(DensityOfDraws):
         self.fitted = FittedDensity.of(self.phi, rng)
         self.many = self.fitted.draw(FITTED_DRAWS, rng)
         self.at_draws = self.log_density(self.population)
+
+    @property
+    def _many(self) -> np.ndarray:
+        return self.many
 
     @cached_property
     def population(self) -> np.ndarray:

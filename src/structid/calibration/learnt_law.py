@@ -21,11 +21,14 @@ from structid.calibration.kriged_density import (
     normal_by,
     standardised_by,
 )
+from structid.inference.assessment.certificate import Limits
 from structid.inference.assessment.correction import Correction
-from structid.inference.assessment.fresh_draws import FreshDraws
+from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 
-MANY = 6000
+AROUND = 9000
 """Points at which q and q′ are compared."""
+BEYOND = 0.01
+"""Share of q′ that may lie where no fresh draw comes."""
 COMPARED = 1000
 """Draws of q′ at which the laws of the folds are compared with it."""
 SURE = 0.5
@@ -59,21 +62,48 @@ class LearntLaw:
         self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
     ) -> None:
         self.law, self.judges, self.fresh, self.rng = law, judges, fresh, rng
-        self.kriged = _kriged(law, fresh, known)
-        self.many = law.chosen(MANY, rng).inside
-        self.compared = FreshDraws(
-            self.many.theta,
-            self._log_density(self.kriged, self.many),
-            self.many.log_drawn,
-            self.many.shares,
-            law.population,
-            law.highest,
-        )
+        self.theta, self.log_true = _worth_learning(law, fresh, known)
+        self.kriged = _kriged(law, self.theta, self.log_true, fresh.shares)
+        self.around = law.around(AROUND, rng)
+        self.log_learnt = self._log_density(self.kriged, self.around)
+        of_mixture = self.log_learnt - self.around.log_mixture
+        self.weights = np.exp(of_mixture - of_mixture.max())
+        self.weights /= self.weights.sum()
 
     @property
     def correction(self) -> Correction:
         """From q to q′."""
-        return Correction.between(self.compared)
+        return Correction.between(self.around.theta, self.around.shares, self.weights)
+
+    def stored(self, limits: Limits) -> StoredRuns:
+        """Compare the runs with q′, where points for runs come, and elsewhere with q.
+
+        Parameters
+        ----------
+        limits : Limits
+            Which say what runs matter.
+
+        Returns
+        -------
+        StoredRuns
+            Each with what is predicted there without it: a run that no other one foretells may stand in a mode of its own.
+        """
+        near = self.log_true >= self.log_true.max() - limits.reach
+        foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
+        covered = self.law.covers(self.theta)
+        log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
+        return StoredRuns(self.log_true[near], log_drawn[near])
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Say that q′ lies where no fresh draw comes to judge it."""
+        beyond = float(self.weights[~self.law.covers(self.around.theta)].sum())
+        if beyond <= BEYOND:
+            return ()
+        return (
+            f"as the runs have taught, {beyond:.0%} of the posterior lies beyond the draws, where no run has judged it: the draws "
+            "end where the posterior is still high",
+        )
 
     def judging(self) -> FreshDraws:
         """Let the fresh draws judge q′.
@@ -84,13 +114,13 @@ class LearntLaw:
             The same draws, with log densities of laws that have not seen them, and shares of averages over q′.
         """
         fresh, count = self.fresh, len(self.fresh.theta)
-        rows = self.rng.choice(len(self.many.theta), size=len(self.law.population), p=self.compared.weights)
+        rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
         some = rows[:COMPARED]
         log_drawn, beside = np.empty(count), 0.0
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
             left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
-            scale, variation = between(self._log_density(left, self.many[some]) - self.compared.log_true[some])
+            scale, variation = between(self._log_density(left, self.around[some]) - self.log_learnt[some])
             beside = max(beside, variation)
             log_drawn[places] = self._log_density(left, self.judges[places]) - scale
         moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
@@ -98,7 +128,7 @@ class LearntLaw:
             fresh,
             log_drawn=log_drawn,
             shares=fresh.shares * np.exp(moved - moved.max()),
-            population=self.many.theta[rows],
+            population=self.around.theta[rows],
             highest=fresh.highest + fresh.middle,
             beside=beside,
         )
@@ -116,15 +146,15 @@ class LearntLaw:
         ndarray, shape (point, parameter)
             In SI.
         """
-        covered = self.law.covers(self.many.theta)
-        theta, shares = self.many.theta[covered], self.compared.weights[covered]
+        covered = self.law.covers(self.around.theta)
+        theta, weights = self.around.theta[covered], self.weights[covered]
         phi = self.law.bijection.inverse(theta)
         places: list[int] = []
         kriged = self.kriged
         for _ in range(count if covered.any() else 0):
             mean, deviation = kriged.at(phi)
             # What a wrong weight adds to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
-            places.append(int(np.argmax(shares * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
+            places.append(int(np.argmax(weights * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
             kriged = kriged.believing(phi[places[-1:]], mean[places[-1:]])
         return np.asarray(theta[places])
 
@@ -132,20 +162,25 @@ class LearntLaw:
         """Log q′ with respect to θ: the Kriging where it is sure, and q with longer tails where the runs have taught nothing."""
         phi = self.law.bijection.inverse(points.theta)
         mean, deviation = kriged.at(phi)
-        trust = np.where(self.law.covers(points.theta), np.exp(-((deviation / SURE) ** 2)), 0.0)
+        trust = np.exp(-((deviation / SURE) ** 2))
         untaught = np.logaddexp(points.log_drawn, np.log(TAILS) + points.log_wide) + self.fresh.middle
         return np.asarray(untaught + trust * (mean - self.law.bijection(phi)[1] - untaught))
 
 
-def _kriged(law: DrawnLaw, fresh: FreshDraws, known: Points) -> KrigedDensity:
-    """Log π with respect to φ, at the known runs that matter and last at the fresh ones."""
+def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
+    """Known runs that say something of where the posterior is, and last the fresh ones."""
     theta, log_true = known
     with np.errstate(invalid="ignore", divide="ignore"):
         inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
     near = inside & (log_true >= fresh.log_true.max() - DEEPEST)
     theta, first = np.unique(theta[near], axis=0, return_index=True)
-    phi = law.bijection.inverse(np.concatenate([theta, fresh.theta]))
-    values = np.concatenate([log_true[near][first], fresh.log_true]) + law.bijection(phi)[1]
+    return np.concatenate([theta, fresh.theta]), np.concatenate([log_true[near][first], fresh.log_true])
+
+
+def _kriged(law: DrawnLaw, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
+    """Log π with respect to φ: in the form that errs least at the fresh runs, which come last."""
+    phi = law.bijection.inverse(theta)
     charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
     forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
-    return KrigedDensity.best(forms, phi, values, np.concatenate([np.zeros(len(theta)), fresh.shares]))
+    counts = np.concatenate([np.zeros(len(theta) - len(shares)), shares])
+    return KrigedDensity.best(forms, phi, log_true + law.bijection(phi)[1], counts)

@@ -12,9 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.inference.assessment.fresh_draws import FreshDraws
-from structid.inference.assessment.moment_shift import shift, standardised
-
 ERRORS = 3.0
 """Monte-Carlo errors that are added to what moves a mean."""
 
@@ -39,24 +36,35 @@ class Correction:
     sd: np.ndarray
 
     @classmethod
-    def between(cls, draws: FreshDraws) -> Correction:
-        """Compare two laws by draws at which both are known.
+    def between(cls, theta: np.ndarray, of_law: np.ndarray, of_learnt: np.ndarray) -> Correction:
+        """Compare two laws by points at which both are known.
 
         Parameters
         ----------
-        draws : FreshDraws
-            Many draws of q, or of something wider, with log q′ in the place of the true log density.
+        theta : ndarray, shape (point, parameter)
+            Of any law that is wider than both, in SI.
+        of_law, of_learnt : ndarray, shape (point,)
+            Weights in averages over q and over q′, each up to a factor.
 
         Returns
         -------
         Correction
             From q to q′.
         """
-        standard = standardised(draws)
-        mean, error = shift(draws, standard)
-        plain = draws.shares / draws.shares.sum()
-        variances = [_variance(weights, standard) for weights in (draws.weights, plain)]
-        return cls(0.5 * float(np.abs(draws.weights - plain).sum()), mean, error, np.sqrt(variances[0] / variances[1]))
+        old, new = of_law / of_law.sum(), of_learnt / of_learnt.sum()
+        middle = old @ theta
+        sd = np.sqrt(old @ (theta - middle) ** 2)
+        standard = (theta - middle) / np.where(sd > 0.0, sd, 1.0)
+        mean = new @ standard
+        # Of the difference of two self-normalised estimates from the same points, in units of a third, the standard deviation.
+        scale = 0.5 * mean * (standard**2 - 1.0)
+        contributions = new[:, None] * (standard - mean) - old[:, None] * (standard + scale)
+        return cls(
+            0.5 * float(np.abs(new - old).sum()),
+            np.asarray(mean),
+            np.sqrt(np.sum(contributions**2, axis=0)),
+            np.sqrt(new @ (standard - mean) ** 2),
+        )
 
     def beyond(self, mean: float, sd: float) -> bool:
         """Whether q is so far off that it will not be certified, however well q′ is known.
@@ -121,9 +129,3 @@ class Correction:
             The product of both ratios is that far from one.
         """
         return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
-
-
-def _variance(weights: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Weighted variance of each column."""
-    away = values - weights @ values
-    return np.asarray(weights @ away**2)
