@@ -124,6 +124,14 @@ def test_numbers_of_runs(word):
         si.certify(target(bent), of_bent(500, 1), bent, **{word: -1})
 
 
+@pytest.mark.parametrize(
+    "known", [(np.zeros((5, 2)), np.zeros(5)), (np.zeros((5, 3)), np.zeros(4)), (np.zeros(5), np.zeros(5))]
+)
+def test_known_runs_of_another_shape(known):
+    with pytest.raises(si.InputError, match=r"certify\(known\).*as the posterior gives them"):
+        si.certify(target(bent), of_bent(500, 1), bent, known=known)
+
+
 # --- the Kriging of a log density --------------------------------------------------------------------------------------
 
 

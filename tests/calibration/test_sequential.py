@@ -5,8 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from leaderboard_cases import two_modes
 
 import structid as si
+from structid.calibration import batch
 from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import beyond_the_runs, far_apart, next_batch
 from structid.calibration.exploration import Exploration
@@ -382,3 +384,23 @@ def test_a_narx_is_fitted_to_the_runs_near_the_posterior(space, model, measured,
         order = np.argsort(truth.log_density(theta))
         assert weights[order[-5:]].min() > 10.0 * weights[order[:5]].max()
         assert weights.sum() ** 2 / np.sum(weights**2) == pytest.approx(0.5 * len(weights), rel=1e-6)
+
+
+# --- what lies beyond all runs -----------------------------------------------------------------------------------------
+
+
+def mean_of_two_modes():
+    """Of a with a² + 0.2 a = 1.2 ± 0.15, a ~ N(0.5, 1): the other parameters are independent of it."""
+    a = np.linspace(-3.0, 3.0, 20_001)
+    density = np.exp(-0.5 * (a - 0.5) ** 2 - 0.5 * ((a**2 + 0.2 * a - 1.2) / 0.15) ** 2)
+    return density @ a / density.sum()
+
+
+@pytest.mark.parametrize("scouts", [0, 2])
+def test_a_mode_beyond_the_range_of_the_first_design(monkeypatch, scouts):
+    """The first design of this seed ends at a = −0.79, and the second mode lies at −1.2: without scouts nobody goes there."""
+    case = two_modes()
+    monkeypatch.setattr(batch, "MOST_SCOUTS", scouts)
+    result = si.calibrate(case.model, case.space, case.observation, discrepancy=case.law, seed=4)
+    right = abs(result.sampling.mean[0] - mean_of_two_modes()) < 0.1 * result.sampling.sd[0]
+    assert result.certificate.certified and right == (scouts > 0)

@@ -18,6 +18,13 @@ AHEAD = 100.0
 """Times the exponent up to which the surrogate is sure, from where a batch on the way comes. A surrogate that is unsure of large
 regions is often good in the small one that matters."""
 
+SCOUTS, MOST_SCOUTS = 4000, 2
+"""Draws of the prior among which points beyond all runs are looked for, and how many of a batch they may be."""
+
+PLAUSIBLE = 25.0
+"""How far below the highest density of the posterior that at the edge of the runs may lie, for something to be looked for beyond
+[nat]. A surrogate knows nothing out there, and what falls to this by the edge may rise again behind it."""
+
 POPULATION = 4000
 """Draws that a certificate's statement reckons with at most."""
 
@@ -168,10 +175,11 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     Returns
     -------
     Batch
-        Where the surrogate is sure of its posterior, half are plain draws and half draws of a wider law: first those that bring
-        the posterior inside the range of the runs, then those where the surrogate's own uncertainty of the log density times the
-        distance to known points is largest. Where it is not, they come from a tempered posterior of 100 times the exponent up to
-        which it is sure, far from known points; first those that bring the sure one inside the range of the runs.
+        Where the surrogate is sure of its posterior, half are plain draws. The others are first scouts of what may lie beyond the
+        runs, then draws of a wider law: those that bring the posterior inside the range of the runs, and those where the
+        surrogate's own uncertainty of the log density times the distance to known points is largest. Where it is not sure, they
+        come from a tempered posterior of 100 times the exponent up to which it is, far from known points; first those that bring
+        the sure one inside the range of the runs.
     """
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
@@ -181,14 +189,34 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     theta, _ = posterior.bijection(plain)
     taken = np.concatenate([known, theta[:, :dimension]])
     candidates = widened_draws(explored, CANDIDATES, rng)
-    left = count - len(plain)
+    scouts = _scouts(explored, known, rng)
+    taken = np.concatenate([taken, scouts])
+    left = count - len(plain) - len(scouts)
     edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], taken)[:left]
     taken = np.concatenate([taken, candidates[edges, :dimension]])
     unsure = np.sqrt(explored.variance_at(candidates))
     unsure = np.where(np.isfinite(unsure), unsure, 0.0)
     rows = far_apart(_scores(posterior, candidates), _scores(posterior, taken), left - len(edges), unsure)
-    others = candidates[np.concatenate([edges, rows]), :dimension]
+    others = np.concatenate([scouts, candidates[np.concatenate([edges, rows]), :dimension]])
     return _batch(explored, plain, np.ones(len(plain)), others)
+
+
+def _scouts(explored: Exploration, known: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the prior beyond all runs, where a mode could be: those with the highest density at the edge, far from one another.
+
+    Their laws of errors have the parameters that the posterior gives to them.
+    """
+    posterior, dimension = explored.posterior, explored.posterior.model_space.dimension
+    prior = posterior.bijection(posterior.initial(SCOUTS, rng))[0][:, :dimension]
+    prior = prior[explored.surrogate.outside(prior)]
+    own = explored.draws()[rng.integers(len(explored.particles()), size=len(prior)), dimension:]
+    theta = np.concatenate([prior, own], axis=1)
+    density = posterior.log_density(theta) if len(theta) else np.empty(0)
+    near = np.flatnonzero(density >= explored.highest - PLAUSIBLE)
+    rows = (
+        near[far_apart(_scores(posterior, theta[near]), _scores(posterior, known), MOST_SCOUTS)] if len(near) else near
+    )
+    return prior[rows]
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:

@@ -81,8 +81,8 @@ def certify(
         Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
         `true_runs` when left out.
     known : tuple of ndarray, optional
-        Points (point, parameter) where log π (point,) is known already. None of them may exceed the draws. They tell where a mode
-        could be, and where the draws' law is wrong.
+        Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it. None of them may exceed
+        the draws. They tell where a mode could be, and where the draws' law is wrong.
     limits : Limits, optional
         What must be met.
     look : int
@@ -166,9 +166,18 @@ def _judged(
 
 
 def _known(known: Points | None, dimension: int) -> Points:
+    """Runs that somebody has made, checked."""
     if known is None:
         return np.empty((0, dimension)), np.empty(0)
-    return np.asarray(known[0], dtype=np.float64), np.asarray(known[1], dtype=np.float64)
+    theta, log_true = (np.asarray(part, dtype=np.float64) for part in known)
+    if theta.ndim != 2 or theta.shape[1] != dimension or log_true.shape != (len(theta),):
+        raise InputError(
+            "certify(known)",
+            f"points of shape {theta.shape} with log densities of shape {log_true.shape}",
+            f"(point, {dimension}) in SI and (point,), the log densities as the posterior gives them",
+        )
+    ran = np.isfinite(theta).all(axis=1) & ~np.isnan(log_true)
+    return theta[ran], log_true[ran]
 
 
 def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:

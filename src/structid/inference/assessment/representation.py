@@ -52,10 +52,10 @@ class Representation(ShownAsText):
         Local maxima in SI, of the density with respect to unconstrained coordinates.
     shares, shares_again : ndarray, shape (mode,)
         Share of the draws that is nearest to each mode, by the first explorer and by the second.
-    mean_gap : ndarray, shape (parameter,)
-        How far apart the means are, in standard deviations.
-    sd_gap : ndarray, shape (parameter,)
-        How much larger the second explorer's standard deviations are, as a share.
+    mean_gap, mean_error : ndarray, shape (parameter,)
+        How far apart the means are, in standard deviations, and the standard error of that.
+    sd_gap, sd_error : ndarray, shape (parameter,)
+        How much larger the second explorer's standard deviations are, as a share, and the standard error of that.
     evidence_gap : float
         log Z of the second explorer less that of the first; NaN where the first knows none.
     failures : tuple of str
@@ -67,7 +67,9 @@ class Representation(ShownAsText):
     shares: np.ndarray
     shares_again: np.ndarray
     mean_gap: np.ndarray
+    mean_error: np.ndarray
     sd_gap: np.ndarray
+    sd_error: np.ndarray
     evidence_gap: float
     failures: tuple[str, ...]
 
@@ -77,11 +79,12 @@ class Representation(ShownAsText):
         return not self.failures
 
     def __str__(self) -> str:
-        worst = int(np.argmax(np.abs(self.mean_gap)))
+        worst, widest = int(np.argmax(np.abs(self.mean_gap))), int(np.argmax(np.abs(self.sd_gap)))
         modes = "one mode" if len(self.modes) == 1 else f"{len(self.modes)} modes"
         told = (
-            f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} standard "
-            f"deviations apart, standard deviations by {np.abs(self.sd_gap).max():.1%} at most"
+            f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} ± "
+            f"{self.mean_error[worst]:.1g} standard deviations apart, the standard deviations of {self.names[widest]} by "
+            f"{abs(self.sd_gap[widest]):.1%} ± {self.sd_error[widest]:.1%}"
         )
         if len(self.modes) > 1:
             shares = zip(self.shares, self.shares_again, strict=True)
@@ -147,19 +150,17 @@ def _compared(
     again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
     shares = [_labelled(modes, points) for points in (phi, settled)]
-    moments = [(x.mean(axis=(0, 1, 2)), x.std(axis=(0, 1, 2))) for x in (draws, again)]
-    sd = np.where(moments[0][1] > 0.0, moments[0][1], 1.0)
+    gaps = _moment_gaps(draws, again)
     return Representation(
         target.names,
         target.bijection(np.stack([mode.middle for mode in modes]))[0],
         shares[0].mean(axis=(0, 1, 2)),
         shares[1].mean(axis=(0, 1, 2)),
-        (moments[1][0] - moments[0][0]) / sd,
-        moments[1][1] / sd - 1.0,
+        *gaps,
         float("nan") if evidence is None else second.log_evidence.value - evidence.value,
         (
             *_apart_in_shares(*shares),
-            *_apart_in_moments(target.names, draws, again),
+            *_apart_in_moments(target.names, *gaps),
             *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
         ),
     )
@@ -215,10 +216,10 @@ def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
     return found
 
 
-def _apart_in_moments(names: tuple[str, ...], first: np.ndarray, second: np.ndarray) -> list[str]:
-    """The parameter in whose mean or standard deviation they differ most, if that matters."""
-    found = []
-    for place, name in enumerate(names):
+def _moment_gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Gaps of means, in standard deviations, and of standard deviations, as a share, each with its error: (4, parameter)."""
+    gaps = np.zeros((4, first.shape[-1]))
+    for place in range(first.shape[-1]):
         ours, theirs = first[..., place], second[..., place]
         centre, sd = ours.mean(), ours.std()
         if sd == 0.0:
@@ -226,15 +227,23 @@ def _apart_in_moments(names: tuple[str, ...], first: np.ndarray, second: np.ndar
         # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
         standard = [(x - centre) / sd for x in (ours, theirs)]
         error = math.hypot(*(_error(x) for x in standard))
-        gap = abs(standard[1].mean()) - ERRORS * error
-        found.append(
-            (gap, f"a second explorer puts the mean of {name} {standard[1].mean():+.2f} standard deviations away")
-        )
-        error = 0.5 * math.hypot(*(_error((x - x.mean()) ** 2) for x in standard))
-        gap = abs(standard[1].std() - 1.0) - ERRORS * error
-        found.append((gap, f"a second explorer finds {standard[1].std():.2f} times the standard deviation of {name}"))
-    gap, sentence = max(found, default=(0.0, ""))
-    return [sentence] if gap > TOLERANCE else []
+        error_of_square = math.hypot(*(_error((x - x.mean()) ** 2) for x in standard))
+        gaps[:, place] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
+    return gaps
+
+
+def _apart_in_moments(
+    names: tuple[str, ...], mean_gap: np.ndarray, mean_error: np.ndarray, sd_gap: np.ndarray, sd_error: np.ndarray
+) -> list[str]:
+    """The parameter in whose mean or standard deviation they differ most, if that matters."""
+    of_means, of_sds = np.abs(mean_gap) - ERRORS * mean_error, np.abs(sd_gap) - ERRORS * sd_error
+    if max(of_means.max(), of_sds.max()) <= TOLERANCE:
+        return []
+    if of_means.max() >= of_sds.max():
+        worst = int(np.argmax(of_means))
+        return [f"a second explorer puts the mean of {names[worst]} {mean_gap[worst]:+.2f} standard deviations away"]
+    worst = int(np.argmax(of_sds))
+    return [f"a second explorer finds {1.0 + sd_gap[worst]:.2f} times the standard deviation of {names[worst]}"]
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:

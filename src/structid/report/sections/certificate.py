@@ -75,8 +75,11 @@ def _second_explorer(found: Representation | None) -> list[Table]:
     """How far another explorer of the surrogate's posterior, which is built otherwise, agrees with the draws."""
     if found is None:
         return []
-    moments = zip(found.names, found.mean_gap, found.sd_gap, strict=True)
-    rows = [[pretty(name), f"{mean:+.3f}", f"{100.0 * sd:+.1f} %"] for name, mean, sd in moments]
+    moments = zip(found.names, found.mean_gap, found.mean_error, found.sd_gap, found.sd_error, strict=True)
+    rows = [
+        [pretty(name), f"{mean:+.3f} ± {error:.3f}", f"{100.0 * sd:+.1f} ± {100.0 * error_of_sd:.1f} %"]
+        for name, mean, error, sd, error_of_sd in moments
+    ]
     tables = [
         Table(
             "A second explorer of the surrogate's posterior: it searches for modes and begins at all of them evenly",
