@@ -216,7 +216,7 @@ def _scouts(explored: Exploration, known: np.ndarray, rng: np.random.Generator) 
     rows = (
         near[far_apart(_scores(posterior, theta[near]), _scores(posterior, known), MOST_SCOUTS)] if len(near) else near
     )
-    return prior[rows]
+    return np.asarray(prior[rows])
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -156,11 +157,14 @@ def _compared(
         target.bijection(np.stack([mode.middle for mode in modes]))[0],
         shares[0].mean(axis=(0, 1, 2)),
         shares[1].mean(axis=(0, 1, 2)),
-        *gaps,
+        gaps.mean,
+        gaps.mean_error,
+        gaps.sd,
+        gaps.sd_error,
         float("nan") if evidence is None else second.log_evidence.value - evidence.value,
         (
             *_apart_in_shares(*shares),
-            *_apart_in_moments(target.names, *gaps),
+            *_apart_in_moments(target.names, gaps),
             *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
         ),
     )
@@ -216,8 +220,17 @@ def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
     return found
 
 
-def _moment_gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Gaps of means, in standard deviations, and of standard deviations, as a share, each with its error: (4, parameter)."""
+class _Gaps(NamedTuple):
+    """Gaps of means, in standard deviations, and of standard deviations, as a share, each with its error, shape (parameter,)."""
+
+    mean: np.ndarray
+    mean_error: np.ndarray
+    sd: np.ndarray
+    sd_error: np.ndarray
+
+
+def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
+    """How far the moments of two explorers' draws are apart."""
     gaps = np.zeros((4, first.shape[-1]))
     for place in range(first.shape[-1]):
         ours, theirs = first[..., place], second[..., place]
@@ -229,21 +242,19 @@ def _moment_gaps(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         error = math.hypot(*(_error(x) for x in standard))
         error_of_square = math.hypot(*(_error((x - x.mean()) ** 2) for x in standard))
         gaps[:, place] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
-    return gaps
+    return _Gaps(*gaps)
 
 
-def _apart_in_moments(
-    names: tuple[str, ...], mean_gap: np.ndarray, mean_error: np.ndarray, sd_gap: np.ndarray, sd_error: np.ndarray
-) -> list[str]:
+def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
     """The parameter in whose mean or standard deviation they differ most, if that matters."""
-    of_means, of_sds = np.abs(mean_gap) - ERRORS * mean_error, np.abs(sd_gap) - ERRORS * sd_error
+    of_means, of_sds = np.abs(gaps.mean) - ERRORS * gaps.mean_error, np.abs(gaps.sd) - ERRORS * gaps.sd_error
     if max(of_means.max(), of_sds.max()) <= TOLERANCE:
         return []
     if of_means.max() >= of_sds.max():
         worst = int(np.argmax(of_means))
-        return [f"a second explorer puts the mean of {names[worst]} {mean_gap[worst]:+.2f} standard deviations away"]
+        return [f"a second explorer puts the mean of {names[worst]} {gaps.mean[worst]:+.2f} standard deviations away"]
     worst = int(np.argmax(of_sds))
-    return [f"a second explorer finds {1.0 + sd_gap[worst]:.2f} times the standard deviation of {names[worst]}"]
+    return [f"a second explorer finds {1.0 + gaps.sd[worst]:.2f} times the standard deviation of {names[worst]}"]
 
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
