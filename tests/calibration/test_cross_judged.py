@@ -9,7 +9,7 @@ import scipy.stats
 from structid.calibration.batch import Batch
 from structid.calibration.cross_judged import judged_in_turn
 from structid.inference.assessment.certificate import judged
-from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
 
 DIMENSION = 4
 
@@ -45,7 +45,7 @@ def one_look(error, seed, count=30):
     return batch, judged_in_turn(batch, drawn, of_all, without), of_all
 
 
-def verdict(batch, log_drawn, beside=0.0, shares=None):
+def verdict(batch, log_drawn, beside=Beside(), shares=None):
     shares = batch.shares if shares is None else shares
     fresh = FreshDraws(
         batch.fresh, log_true(batch.fresh), log_drawn, shares, batch.population, batch.highest, None, beside
@@ -67,7 +67,8 @@ def test_a_surrogate_that_has_become_good_passes(seed):
     batch, (again, beside), _ = one_look(0.01, seed)
     assert not verdict(batch, batch.log_surrogate).certified
     found = verdict(again, again.log_surrogate, beside, again.shares)
-    assert found.certified and found.variation.bound > beside, str(found)
+    assert found.certified and found.variation.bound > beside.variation > 0.0, str(found)
+    assert np.all(found.mean_bound < found.variation.bound)  # the moments of what was left out are known
 
 
 def test_scales_of_the_surrogates_do_not_matter():
@@ -82,6 +83,6 @@ def test_scales_of_the_surrogates_do_not_matter():
 
     judged_again, beside = judged_in_turn(batch, drawn, exact, without)
     np.testing.assert_allclose(judged_again.log_surrogate, log_true(batch.fresh), atol=1e-12)
-    assert beside < 1e-12
+    assert beside.variation < 1e-12 and np.all(beside.mean < 1e-12)
     ratio = judged_again.shares / np.exp(log_true(batch.fresh) - batch.log_surrogate)
     np.testing.assert_allclose(ratio, ratio[0])

@@ -1,8 +1,10 @@
 """A second look for nothing: the draws of a refused certificate train the next surrogate, and judge it, each left out in turn.
 
 A surrogate is fitted to all runs but some of these draws, and asked for the log density at those. It has not seen them, as a
-certificate demands. Its posterior q₍₎ differs a little from q, that of the surrogate which is fitted to all; by how much is known
-without a run of the model. With log π/q = log π/q₍₎ + log q₍₎/q, the variation of π/q is at most the sum of both, to first order.
+certificate demands. Its posterior q₍₎ differs a little from q, that of the surrogate which is fitted to all; by how much is
+known without a run of the model. With log π/q = log π/q₍₎ + log q₍₎/q, the variation of π/q is at most the sum of both, to
+first order. That holds for every group that is left out, and so for averages over the groups: with the root of the mean square
+of the variations of π/q₍₎, which all draws together estimate, and the mean of those of q₍₎/q.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from structid.calibration.batch import POPULATION, Batch
+from structid.inference.assessment.correction import Correction
+from structid.inference.assessment.fresh_draws import Beside
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 
@@ -25,7 +29,7 @@ Left = Callable[[np.ndarray], Posterior]
 """The posterior of a surrogate that was fitted to all runs but some of the draws, given by their places."""
 
 
-def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without: Left) -> tuple[Batch, float]:
+def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without: Left) -> tuple[Batch, Beside]:
     """Let the draws of a refused certificate judge the surrogate that they have trained.
 
     Parameters
@@ -41,19 +45,19 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
 
     Returns
     -------
-    tuple of Batch and float
-        The same draws, with log densities of surrogates that have not seen them, and shares of averages over q; and the largest
-        coefficient of variation of q₍₎/q.
+    tuple of Batch and Beside
+        The same draws, with log densities of surrogates that have not seen them, and shares of averages over q; and how far their
+        posteriors are from q.
     """
     some = drawn.thinned(COMPARED)
     of_all = under.log_density(some)
     log_surrogate = np.empty(len(last.fresh))
-    beside = 0.0
+    beside: list[Beside] = []
     for first in range(FOLDS):
         places = np.arange(first, len(last.fresh), FOLDS)
         left = without(places)
-        scale, variation = between(left.log_density(some) - of_all)
-        beside = max(beside, variation)
+        scale, apart = between(left.log_density(some) - of_all, some)
+        beside.append(apart)
         log_surrogate[places] = left.log_density(last.fresh[places]) - scale
     moved = under.log_density(last.fresh) - last.log_surrogate  # from the old surrogate's posterior to the new one's
     shares = last.shares * np.exp(moved - moved.max())
@@ -67,21 +71,25 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
         population=drawn.thinned(POPULATION),
         highest=highest,
     )
-    return judged, beside
+    return judged, Beside.average(beside)
 
 
-def between(gap: np.ndarray) -> tuple[float, float]:
-    """Compare two densities by draws of one of them.
+def between(gap: np.ndarray, draws: np.ndarray) -> tuple[float, Beside]:
+    """Compare a density p with q, by draws of q.
 
     Parameters
     ----------
     gap : ndarray, shape (draw,)
-        log p/q at draws of q, both up to a constant.
+        log p/q at the draws, both up to a constant.
+    draws : ndarray, shape (draw, parameter)
+        In SI.
 
     Returns
     -------
-    tuple of float
-        log ∫p/∫q, and the coefficient of variation of p/q over q.
+    tuple of float and Beside
+        log ∫p/∫q, and how far p is from q.
     """
     scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
-    return scale, float(np.std(np.exp(gap - scale)))
+    weights = np.exp(gap - scale)
+    moved = Correction.between(draws, np.ones(len(draws)), weights)
+    return scale, Beside(float(np.std(weights)), np.abs(moved.mean), np.abs(moved.sd - 1.0))

@@ -23,7 +23,7 @@ from structid.calibration.kriged_density import (
 )
 from structid.inference.assessment.certificate import Limits
 from structid.inference.assessment.correction import Correction
-from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
 
 AROUND = 9000
 """Points at which q and q′ are compared."""
@@ -116,12 +116,13 @@ class LearntLaw:
         fresh, count = self.fresh, len(self.fresh.theta)
         rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
         some = rows[:COMPARED]
-        log_drawn, beside = np.empty(count), 0.0
+        log_drawn, beside = np.empty(count), list[Beside]()
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
             left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
-            scale, variation = between(self._log_density(left, self.around[some]) - self.log_learnt[some])
-            beside = max(beside, variation)
+            gap = self._log_density(left, self.around[some]) - self.log_learnt[some]
+            scale, apart = between(gap, self.around.theta[some])
+            beside.append(apart)
             log_drawn[places] = self._log_density(left, self.judges[places]) - scale
         moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
         return replace(
@@ -130,7 +131,7 @@ class LearntLaw:
             shares=fresh.shares * np.exp(moved - moved.max()),
             population=self.around.theta[rows],
             highest=fresh.highest + fresh.middle,
-            beside=beside,
+            beside=Beside.average(beside),
         )
 
     def worth_teaching(self, count: int) -> np.ndarray:

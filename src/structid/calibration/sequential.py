@@ -24,7 +24,7 @@ from structid.campaign.store import CALIBRATION_FINISHED
 from structid.errors import InputError, names_checked
 from structid.hashing import digest
 from structid.inference.assessment.certificate import judged
-from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
 from structid.inference.law_choice import AUTO, LawChoice, choose_among
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
@@ -41,7 +41,7 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 8
+SCHEMA = 9
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 LAWS_FOLDER = "laws"
@@ -280,7 +280,7 @@ class _Loop:
             fit = explored.outside <= LARGEST_OUTSIDE and not self._final_draws(number, surrogate, training).failures
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
-        rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), 0.0
+        rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
         if again:
             batch, beside = self._again(self._final_draws(number, surrogate, training).sampling, surrogate)
         elif due:
@@ -289,8 +289,8 @@ class _Loop:
         else:
             batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng)
         sure = float(explored.exponents[explored.trusted]), explored.deviation
-        said = {"final": due or again, "again": again, "beside": beside, "chosen": chosen, "sure": sure}
-        return batch.to_entry() | {name: np.array(value) for name, value in said.items()}
+        said = {"final": due or again, "again": again, "chosen": chosen, "sure": sure}
+        return batch.to_entry() | beside.to_entry() | {name: np.array(value) for name, value in said.items()}
 
     @property
     def _to_be_judged_again(self) -> bool:
@@ -300,7 +300,7 @@ class _Loop:
         last = self.rounds[-1]
         return last.certificate is not None and not last.certificate.certified and not last.again
 
-    def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, float]:
+    def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, Beside]:
         """The last certificate's draws, each judged by a surrogate that has not seen it."""
         assert self.last is not None
         everything, first = np.arange(len(self.true)), len(self.true) - len(self.last.fresh)
@@ -364,7 +364,7 @@ class _Loop:
         log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
         drawn = FreshDraws(
             batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
-            self.true.collapsed(fresh), float(entry["beside"]),
+            self.true.collapsed(fresh), Beside.of(entry),
         )  # fmt: skip
         certificate = None
         if entry["final"]:

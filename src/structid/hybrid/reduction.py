@@ -44,7 +44,8 @@ class Matrices(NamedTuple):
         Matrices
             Of the coordinates.
         """
-        mass, damping, stiffness = (basis.T @ matrix @ basis for matrix in self[:3])
+        # Symmetric in exact arithmetic; where stiff parts cancel, rounding would show.
+        mass, damping, stiffness = (0.5 * (small + small.T) for small in (basis.T @ full @ basis for full in self[:3]))
         return Matrices(mass, damping, stiffness, np.linalg.solve(mass, basis.T @ self.mass @ self.influence))
 
 

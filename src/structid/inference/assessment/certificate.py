@@ -323,8 +323,9 @@ def judged(
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
-    variation = replace(variation, bound=variation.bound + fresh.beside)
-    mean_off, sd_off = np.full(len(names), variation.bound), sd_bound(fresh, variation)
+    mean_off = variation.bound + np.broadcast_to(fresh.beside.mean, len(names))
+    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) - 1.0
+    variation = replace(variation, bound=variation.bound + fresh.beside.variation)
     moved, error = shift(fresh, standardised(fresh))
     if correction is not None:
         mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)

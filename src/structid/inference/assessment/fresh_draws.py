@@ -2,9 +2,70 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
+
+
+class Beside(NamedTuple):
+    """How far laws that have not seen some draws are from q, to which they belong, on average over these laws.
+
+    Parameters
+    ----------
+    variation : float
+        Coefficient of variation of their density over that of q.
+    mean, sd : ndarray, shape (parameter,)
+        How far their means are away, in standard deviations of q, and their standard deviations, as a share.
+    """
+
+    variation: float = 0.0
+    mean: np.ndarray = np.zeros(1)
+    sd: np.ndarray = np.zeros(1)
+
+    @classmethod
+    def average(cls, some: Sequence[Beside]) -> Beside:
+        """Average over several laws: the triangle inequality holds for each of them, and so for their averages.
+
+        Parameters
+        ----------
+        some : sequence of Beside
+            Of one law each.
+
+        Returns
+        -------
+        Beside
+            Their mean.
+        """
+        parts = [np.mean(part, axis=0) for part in zip(*some, strict=True)]
+        return cls(float(parts[0]), *parts[1:])
+
+    def to_entry(self) -> dict[str, np.ndarray]:
+        """Give everything for a journal.
+
+        Returns
+        -------
+        dict of str to ndarray
+            By name.
+        """
+        return {f"beside_{name}": np.asarray(value) for name, value in self._asdict().items()}
+
+    @classmethod
+    def of(cls, entry: Mapping[str, np.ndarray]) -> Beside:
+        """Make it again of a journal's entry, which may say more.
+
+        Parameters
+        ----------
+        entry : mapping of str to ndarray
+            As `to_entry` gave it.
+
+        Returns
+        -------
+        Beside
+            The same.
+        """
+        return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +88,8 @@ class FreshDraws:
         Largest log density of q among them.
     impossible : ndarray of bool, shape (draw,), optional
         Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
-    beside : float
-        Coefficient of variation, over q, of the law that `log_drawn` belongs to: zero where that is q itself.
+    beside : Beside
+        How far the laws that `log_drawn` belongs to are from q.
     """
 
     theta: np.ndarray
@@ -38,7 +99,7 @@ class FreshDraws:
     population: np.ndarray
     highest: float
     impossible: np.ndarray | None = None
-    beside: float = 0.0
+    beside: Beside = Beside()
 
     @property
     def log_ratios(self) -> np.ndarray:
