@@ -9,7 +9,7 @@ import scipy.stats
 from structid.calibration.batch import Batch
 from structid.calibration.cross_judged import judged_in_turn
 from structid.inference.assessment.certificate import judged
-from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
+from structid.inference.assessment.fresh_draws import THEMSELVES, FreshDraws, StoredRuns
 
 DIMENSION = 4
 
@@ -45,7 +45,7 @@ def one_look(error, seed, count=30):
     return batch, judged_in_turn(batch, drawn, of_all, without), of_all
 
 
-def verdict(batch, log_drawn, beside=Beside(), shares=None):
+def verdict(batch, log_drawn, beside=THEMSELVES, shares=None):
     shares = batch.shares if shares is None else shares
     fresh = FreshDraws(
         batch.fresh, log_true(batch.fresh), log_drawn, shares, batch.population, batch.highest, None, beside

@@ -21,7 +21,7 @@ AT_ONCE = 3
 """Runs of a round: each tells much of where the next one should be."""
 APART = 0.3
 """Smallest distance between two of them, in standard deviations of the prior."""
-HOPELESS = -4.0
+HOPELESS = -10.0
 """Standard deviations of the Kriging below what would matter at which the search ends."""
 
 
@@ -61,9 +61,11 @@ def searched(
     scouts = law.posterior.initial(SCOUTS, rng)
     scouts = scouts[np.isfinite(scouts).all(axis=1)]
     chart = standardised_by(scouts)
+    z = chart(scouts)[0]
     theta, jacobian = law.bijection(scouts)
     of_draws = law.log_density(theta) + middle
-    free = of_draws < known[1].max() - limits.reach  # what the draws do not visit
+    # What the draws do not visit; in their tails, fresh draws of a wider law see for themselves.
+    free = (of_draws < known[1].max() - limits.reach) & ~law.covers(theta)
     made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
     while len(made[0]) < count and free.any():
         everything = np.concatenate([known[0], made[0]]), np.concatenate([known[1], made[1]])
@@ -76,7 +78,7 @@ def searched(
         mean, deviation = kriged.at(scouts)
         matters = np.maximum(highest - limits.reach, of_draws + limits.excess)
         chance = np.where(free, (mean - jacobian - matters) / np.maximum(deviation, 1e-9), -np.inf)
-        places = _apart(chance, chart(scouts)[0], min(AT_ONCE, count - len(made[0])))
+        places = _apart(chance, z, min(AT_ONCE, count - len(made[0])))
         if not len(places):
             break
         found = run(theta[places])

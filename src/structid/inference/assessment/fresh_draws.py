@@ -68,6 +68,10 @@ class Beside(NamedTuple):
         return cls(float(entry["beside_variation"]), entry["beside_mean"], entry["beside_sd"])
 
 
+THEMSELVES = Beside()
+"""Of laws that are q."""
+
+
 @dataclass(frozen=True, eq=False)
 class FreshDraws:
     """Draws of q, or of something wider, at which the true model was run, and what is known of q besides.
@@ -99,7 +103,7 @@ class FreshDraws:
     population: np.ndarray
     highest: float
     impossible: np.ndarray | None = None
-    beside: Beside = Beside()
+    beside: Beside = THEMSELVES
 
     @property
     def log_ratios(self) -> np.ndarray:
