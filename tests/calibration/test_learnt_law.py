@@ -63,7 +63,10 @@ def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(see
 @pytest.mark.parametrize("seed", range(3))
 def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
     moved = np.array([0.3, 0.0, 0.0])
-    found = si.certify(target(bent), of_bent(6000, seed) + moved, lambda x: bent(x - moved), seed=seed)
+    known = 2.0 * np.random.default_rng(seed).standard_normal((80, 3))
+    found = si.certify(
+        target(bent), of_bent(6000, seed) + moved, lambda x: bent(x - moved), known=(known, bent(known)), seed=seed
+    )
     assert not found.certified
     assert found.correction is not None
     assert found.correction.mean[0] == pytest.approx(-0.3, abs=0.05)
