@@ -17,10 +17,10 @@ from structid.calibration.drawn_laws import Chosen, DrawnLaw
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
 from structid.calibration.foreign_draws import Draws, density_with, draws_of
 from structid.calibration.hidden_modes import searched
-from structid.calibration.kriged_density import Points
+from structid.calibration.known_points import Points, joined
 from structid.calibration.learnt_law import LearntLaw
 from structid.calibration.true_runs import Tell
-from structid.calibration.truth import Truth, joined
+from structid.calibration.truth import Truth
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns

@@ -12,7 +12,8 @@ from collections.abc import Callable
 import numpy as np
 
 from structid.calibration.drawn_laws import DrawnLaw
-from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, Points, standardised_by
+from structid.calibration.known_points import Points, joined
+from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, standardised_by
 from structid.inference.assessment.certificate import Limits
 
 SCOUTS = 4000
@@ -68,21 +69,20 @@ def searched(
     free = (of_draws < known[1].max() - limits.reach) & ~law.covers(theta)
     made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
     while len(made[0]) < count and free.any():
-        everything = np.concatenate([known[0], made[0]]), np.concatenate([known[1], made[1]])
-        highest = everything[1].max()
-        phi = law.bijection.inverse(everything[0])
-        values = everything[1] + law.bijection(phi)[1]
+        points, log_true = joined(known, made)
+        phi = law.bijection.inverse(points)
+        values = log_true + law.bijection(phi)[1]
         ran = np.isfinite(values)
         forms = [(chart, correlation) for correlation in CORRELATIONS]
         kriged = KrigedDensity.best(forms, phi[ran], values[ran], np.ones(int(ran.sum())))
         mean, deviation = kriged.at(scouts)
-        matters = np.maximum(highest - limits.reach, of_draws + limits.excess)
+        matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
         chance = np.where(free, (mean - jacobian - matters) / np.maximum(deviation, 1e-9), -np.inf)
         places = _apart(chance, z, min(AT_ONCE, count - len(made[0])))
         if not len(places):
             break
         found = run(theta[places])
-        made = np.concatenate([made[0], theta[places]]), np.concatenate([made[1], found])
+        made = joined(made, (theta[places], found))
         free[places] = False
         if (found >= matters[places]).any():
             break

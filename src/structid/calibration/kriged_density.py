@@ -23,9 +23,6 @@ NUGGET = 1e-8
 RUNS_FOR_EACH = 2
 """Runs for each term of a trend from which on it is tried."""
 
-Points = tuple[np.ndarray, np.ndarray]
-"""Points (point, parameter) in SI, and log π there."""
-
 Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From φ, (point, parameter), to coordinates in which the log density is smooth, and a first guess of it, (point,)."""
 

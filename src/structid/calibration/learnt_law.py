@@ -13,10 +13,10 @@ import numpy as np
 
 from structid.calibration.cross_judged import FOLDS, between
 from structid.calibration.drawn_laws import Chosen, DrawnLaw
+from structid.calibration.known_points import Points, joined
 from structid.calibration.kriged_density import (
     CORRELATIONS,
     KrigedDensity,
-    Points,
     in_parameters,
     normal_by,
     standardised_by,
@@ -69,6 +69,7 @@ class LearntLaw:
         of_mixture = self.log_learnt - self.around.log_mixture
         self.weights = np.exp(of_mixture - of_mixture.max())
         self.weights /= self.weights.sum()
+        self.covered = law.covers(self.around.theta)
 
     @property
     def correction(self) -> Correction:
@@ -97,7 +98,7 @@ class LearntLaw:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Say that q′ lies where no fresh draw comes to judge it."""
-        beyond = float(self.weights[~self.law.covers(self.around.theta)].sum())
+        beyond = float(self.weights[~self.covered].sum())
         if beyond <= BEYOND:
             return ()
         return (
@@ -147,12 +148,11 @@ class LearntLaw:
         ndarray, shape (point, parameter)
             In SI.
         """
-        covered = self.law.covers(self.around.theta)
-        theta, weights = self.around.theta[covered], self.weights[covered]
+        theta, weights = self.around.theta[self.covered], self.weights[self.covered]
         phi = self.law.bijection.inverse(theta)
         places: list[int] = []
         kriged = self.kriged
-        for _ in range(count if covered.any() else 0):
+        for _ in range(count if len(theta) else 0):
             mean, deviation = kriged.at(phi)
             # What a wrong weight adds to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
             places.append(int(np.argmax(weights * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
@@ -175,7 +175,7 @@ def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
         inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
     near = inside & (log_true >= fresh.log_true.max() - DEEPEST)
     theta, first = np.unique(theta[near], axis=0, return_index=True)
-    return np.concatenate([theta, fresh.theta]), np.concatenate([log_true[near][first], fresh.log_true])
+    return joined((theta, log_true[near][first]), (fresh.theta, fresh.log_true))
 
 
 def _kriged(law: DrawnLaw, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:

@@ -7,26 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from structid.calibration.kriged_density import Points
 from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.target import Target
-
-
-def joined(first: Points, then: Points) -> Points:
-    """Put points behind others.
-
-    Parameters
-    ----------
-    first, then : tuple of ndarray
-        Points (point, parameter) in SI, and log π there.
-
-    Returns
-    -------
-    tuple of ndarray
-        All of them.
-    """
-    return np.concatenate([first[0], then[0]]), np.concatenate([first[1], then[1]])
 
 
 class Truth:
