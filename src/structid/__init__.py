@@ -23,6 +23,7 @@ _PUBLIC = {
     "Certificate": "inference.assessment.certificate",
     "Limits": "inference.assessment.certificate",
     "CombinedExcitation": "ground_motion.excitation",
+    "CorrectedNARX": "surrogates.narx.corrected_narx",
     "DampedCosine": "inference.likelihood.kernels",
     "DelayedAcceptance": "inference.sampling.delayed_acceptance",
     "Design": "probability.designs",

@@ -92,6 +92,7 @@ from structid.solvers.protocol import StructureFailedError as StructureFailedErr
 from structid.solvers.um_bridge import UMBridgeModel as UMBridgeModel
 from structid.surrogates.chaos.pce import PCE as PCE
 from structid.surrogates.kriging.universal_kriging import Kriging as Kriging
+from structid.surrogates.narx.corrected_narx import CorrectedNARX as CorrectedNARX
 from structid.surrogates.narx.kriging_narx import KrigingNARX as KrigingNARX
 from structid.surrogates.narx.narx import NARX as NARX
 from structid.surrogates.narx.pc_narx import PCNARX as PCNARX

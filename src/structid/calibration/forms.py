@@ -3,20 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 import scipy
 
+from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.likelihood.posterior import Posterior
-from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
 EFFECTIVE_SHARE = 0.3
 """Share of the runs that count in effect."""
 
 
+class KnowsItsErrors(Protocol):
+    """A fitted surrogate that can do without one of its runs."""
+
+    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+        """Predict each run that it was fitted to from all others.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The runs, in their order.
+        excitation : Excitation
+            What drove them.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN where it cannot.
+        """
+
+
 def best_near_the_posterior(
-    found: Sequence[ResponseSpaceSurrogate],
+    found: Sequence[KnowsItsErrors],
     posterior: Posterior,
     theta: np.ndarray,
     log_true: np.ndarray,
@@ -26,7 +47,7 @@ def best_near_the_posterior(
 
     Parameters
     ----------
-    found : sequence of ResponseSpaceSurrogate
+    found : sequence of KnowsItsErrors
         To choose among.
     posterior : Posterior
         With the measurements.
@@ -47,7 +68,7 @@ def best_near_the_posterior(
 
 
 def error_near_the_posterior(
-    surrogate: ResponseSpaceSurrogate,
+    surrogate: KnowsItsErrors,
     posterior: Posterior,
     theta: np.ndarray,
     log_true: np.ndarray,
@@ -59,8 +80,8 @@ def error_near_the_posterior(
 
     Parameters
     ----------
-    surrogate : ResponseSpaceSurrogate
-        Fitted to some of these runs; it must know its leave-one-out residuals.
+    surrogate : KnowsItsErrors
+        Fitted to some of these runs.
     posterior : Posterior
         With the measurements.
     theta : ndarray, shape (run, parameter)

@@ -68,14 +68,18 @@ class SurrogateFits:
         forms = getattr(self.settings, "forms", (self.settings,)) if forms is None else forms
         runs = self.true.of_points(points)
         further: dict[str, Any] = {}
-        if self.settings.warm_start and start is not None:
+        if forms[0].warm_start and start is not None:
             further["start"] = start
         if self.last is None:
             forms = forms[:1]
-        elif self.settings.weighted:
+        elif forms[0].weighted:
             near = nearness(best_densities(self.posterior, self.true, self.last)[0])
             further["weights"] = np.repeat(near[points], len(self.true.records))
-        found: list[Any] = [cast(Any, form).fit(runs, self.told, **further) for form in forms]
+        found: list[Any] = []
+        for form in forms:
+            found.append(cast(Any, form).fit(runs, self.told, **further))
+            if form.shares:
+                further["start"] = found[0]
         if self.last is None or len(found) == 1:
             return found[0], forms[0]
         density, theta = best_densities(self.posterior, self.true, self.last)

@@ -36,10 +36,13 @@ class SurrogateSettings(Protocol):
         Whether `fit` takes ``start=``, a surrogate fitted to fewer runs from which its search begins.
     weighted : bool
         Whether `fit` takes ``weights=``, how much the error of each run counts.
+    shares : bool
+        Whether forms of it have a part in common, which `fit` takes over from a `start` that was fitted to the same runs.
     """
 
     warm_start: ClassVar[bool]
     weighted: ClassVar[bool]
+    shares: ClassVar[bool]
 
     @property
     def limit(self) -> float:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -72,6 +72,35 @@ class Fit:
     outside: Literal["warn", "refuse", "allow"]
     seconds: float = field(default=float("nan"))
     seen: tuple[str, ...] = ()
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give it in words and numbers, for a file.
+
+        Returns
+        -------
+        dict
+            What JSON can hold.
+        """
+        said = {f.name: getattr(self, f.name) for f in fields(self)}
+        return said | {"space": self.space.to_plain(), "low": self.low.tolist(), "high": self.high.tolist()}
+
+    @classmethod
+    def from_plain(cls, said: Mapping[str, Any]) -> Fit:
+        """Make it again from what `to_plain` gave.
+
+        Parameters
+        ----------
+        said : mapping of str to object
+            What JSON has kept.
+
+        Returns
+        -------
+        Fit
+            The same.
+        """
+        arrays = {"low": np.array(said["low"]), "high": np.array(said["high"])}
+        tuples = {"channels": tuple(said["channels"]), "seen": tuple(said["seen"])}
+        return cls(**{**said, **arrays, **tuples, "space": ParameterSpace.from_plain(said["space"])})
 
 
 def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs, int]:

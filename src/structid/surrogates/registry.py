@@ -8,7 +8,7 @@ from structid.errors import names_checked
 from structid.surrogates import storage
 from structid.surrogates.face import Surrogate
 from structid.surrogates.kind import SurrogateKind
-from structid.surrogates.narx import kriging_narx, narx, pc_narx
+from structid.surrogates.narx import corrected_narx, kriging_narx, narx, pc_narx
 from structid.surrogates.pod import pod_kriging, pod_pce
 
 KINDS: tuple[SurrogateKind, ...] = (
@@ -16,6 +16,7 @@ KINDS: tuple[SurrogateKind, ...] = (
     pod_pce.KIND,
     pc_narx.KIND,
     kriging_narx.KIND,
+    corrected_narx.KIND,
     narx.KIND,
 )
 

@@ -14,7 +14,6 @@ import numpy as np
 from structid.errors import InputError
 from structid.hashing import digest
 from structid.journal import opened_hdf5
-from structid.probability.space import ParameterSpace
 from structid.surrogates.fit import Fit
 from structid.surrogates.validation import Validation
 
@@ -77,12 +76,10 @@ def write(
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(target.name + ".partial")
-    said = {f.name: getattr(fit, f.name) for f in dataclasses.fields(Fit)}
-    said |= {"space": fit.space.to_plain(), "low": fit.low.tolist(), "high": fit.high.tolist()}
     with h5py.File(partial, "w") as file:
         file.attrs["schema"] = SCHEMA
         file.attrs["content"] = CONTENT
-        file.attrs["fit"] = json.dumps(said, default=str)
+        file.attrs["fit"] = json.dumps(fit.to_plain(), default=str)
         file.attrs["plain"] = json.dumps(plain)
         file.attrs["checksum"] = digest(
             file.attrs["fit"], file.attrs["plain"], *(arrays[name] for name in sorted(arrays))
@@ -135,14 +132,7 @@ def read(path: str | os.PathLike[str]) -> StoredSurrogate:
                 where, "its checksum is wrong: it is damaged", "a file as Surrogate.save wrote it", "Fit it again."
             )
         validation = _read_validation(file["validation"]) if "validation" in file else None
-    said |= {
-        "space": ParameterSpace.from_plain(said["space"]),
-        "low": np.array(said["low"]),
-        "high": np.array(said["high"]),
-        "channels": tuple(said["channels"]),
-        "seen": tuple(said["seen"]),
-    }
-    return StoredSurrogate(Fit(**said), plain, arrays, validation)
+    return StoredSurrogate(Fit.from_plain(said), plain, arrays, validation)
 
 
 def _write_arrays(group: h5py.Group, arrays: dict[str, np.ndarray]) -> None:

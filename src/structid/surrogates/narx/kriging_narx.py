@@ -17,6 +17,7 @@ from structid.runs import Runs
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
 from structid.surrogates.kriging.universal_kriging import Kriging
+from structid.surrogates.narx.corrected_narx import CorrectedNARX
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
@@ -43,6 +44,11 @@ class KrigingNARX(NARXSettings):
 
     kriging: Kriging = field(default_factory=lambda: Kriging(nugget="estimate", separable=False))
     refinements: int = 2
+
+    @property
+    def forms(self) -> tuple[CorrectedNARX, ...]:
+        """What stands for it in a calibration, where a surrogate must come through the runs: with what it leaves over."""
+        return CorrectedNARX(self).forms
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
         """Fit to runs on one record or several; see `PCNARX.fit`.

@@ -14,6 +14,7 @@ from structid.models.face import Progress
 from structid.runs import Runs
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.narx.corrected_narx import CorrectedNARX
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
@@ -33,6 +34,11 @@ class PCNARX(NARXSettings):
     """
 
     pce: PCE = field(default_factory=lambda: PCE(degree=tuple(range(1, 7)), hyperbolic_norm=1.0))
+
+    @property
+    def forms(self) -> tuple[CorrectedNARX, ...]:
+        """What stands for it in a calibration, where a surrogate must come through the runs: with what it leaves over."""
+        return CorrectedNARX(self).forms
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
         """Fit to runs on one record or several.

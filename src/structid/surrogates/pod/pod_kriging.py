@@ -52,6 +52,7 @@ class PODKriging:
 
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = False
+    shares: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_energy(self.energy)

@@ -1,0 +1,225 @@
+"""A NARX for any record, and a POD-Kriging of what it leaves over on the records whose runs are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from structid.errors import Status, names_checked
+from structid.ground_motion.excitation import Excitation
+from structid.models.face import Progress
+from structid.probability.designs import Design
+from structid.runs import InMemory, Runs
+from structid.surrogates.fit import Fit, OutsideRule, Stopwatch, fitted_range, fitting_runs, run_digests
+from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.narx.narx_with_rest import NARXWithRest
+from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.pod.pod_kriging import PODKriging
+from structid.surrogates.progress import Stages
+
+STAGES = {"narx": 10.0, "rest": 2.0}
+"""Stages of a fit, and their share of its time."""
+
+
+class TrainedNARX(Protocol):
+    """Settings of a NARX that takes any record."""
+
+    @property
+    def limit(self) -> float:
+        """Largest mean relative error with which it may be used in a posterior."""
+
+    @property
+    def outside(self) -> OutsideRule:
+        """What happens beyond the range of the design."""
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """All settings, in a form that JSON can hold."""
+
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
+        """Check the settings against runs that are yet to be made; see `SurrogateSettings.check`.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them.
+        channels : sequence of str
+            What they will return.
+        """
+
+    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
+        """Fit to runs; see `SurrogateSettings.fit`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for.
+        progress : callable, optional
+            Called with the percentage of the fit that is done, and 100.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts.
+
+        Returns
+        -------
+        ParametricNARX
+            The fitted NARX.
+        """
+
+
+@names_checked
+@dataclass(frozen=True)
+class CorrectedNARX:
+    """Settings: a NARX n, and a POD-Kriging r of what it leaves over on the records of the runs, y(t, θ) ≈ n(t, θ) + r(t, θ).
+
+    A NARX of few terms takes any record, and reproduces none of its runs exactly. A `PODKriging` of what it leaves over on a
+    record passes through all runs, so that on these records the sum becomes as exact as the runs make it. To any other record the
+    NARX responds alone.
+
+    A recursion whose terms have kinks is not quite smooth as a function of its parameters (for an oscillator of Bouc–Wen to about
+    1e-5 of the response). With many runs in a small region that is what limits the sum. The response itself is smoother there.
+
+    Parameters
+    ----------
+    narx : PCNARX or KrigingNARX
+        Settings of the NARX.
+    rest : PODKriging
+        Settings of what it leaves over. The share of the variance that the components leave out is one of the response's.
+    whole : bool
+        Whether the POD-Kriging is of the whole response on the records of the runs, y(t, θ) ≈ r(t, θ), and the NARX is for other
+        records only.
+    """
+
+    narx: TrainedNARX
+    rest: PODKriging = field(default_factory=PODKriging)
+    whole: bool = False
+
+    warm_start: ClassVar[bool] = True
+    weighted: ClassVar[bool] = True
+    shares: ClassVar[bool] = True
+
+    @property
+    def limit(self) -> float:
+        """Largest mean relative error with which it may be used in a posterior: that of the NARX."""
+        return self.narx.limit
+
+    @property
+    def outside(self) -> OutsideRule:
+        """What happens beyond the range of the design: as the NARX says."""
+        return self.narx.outside
+
+    @property
+    def forms(self) -> tuple[CorrectedNARX, ...]:
+        """Forms of the Kriging, of the rest or of the whole, to choose among where the posterior is; see `PODKriging.forms`."""
+        return tuple(replace(self, rest=form, whole=whole) for whole in (False, True) for form in self.rest.forms)
+
+    @property
+    def in_words(self) -> dict[str, Any]:
+        """All settings, in a form that JSON can hold."""
+        return {
+            "narx": {"kind": type(self.narx).__name__, **self.narx.in_words},
+            "rest": asdict(self.rest),
+            "whole": self.whole,
+        }
+
+    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
+        """Check the settings against runs that are yet to be made.
+
+        Parameters
+        ----------
+        design : Design
+            Their points.
+        records : sequence of Excitation
+            What will drive them, dealt out in turn.
+        channels : sequence of str
+            What they will return.
+
+        Raises
+        ------
+        InputError
+            If no NARX can be fitted to them, or no POD-Kriging of what it leaves over.
+        """
+        self.narx.check(design, records, channels)
+        self.rest.check(design, records, channels)
+
+    def fit(
+        self,
+        runs: Runs,
+        progress: Progress | None = None,
+        start: NARXWithRest | None = None,
+        weights: np.ndarray | None = None,
+    ) -> NARXWithRest:
+        """Fit to runs on one record or several.
+
+        Parameters
+        ----------
+        runs : Runs
+            Of the model it is to stand for; failed ones are left out.
+        progress : callable, optional
+            Called with the percentage of the fit that is done, and 100.
+        start : NARXWithRest, optional
+            A surrogate fitted to some of these runs. The search for correlation lengths starts from its own. If it was fitted to
+            all of them, its NARX is this one's as well.
+        weights : ndarray, shape (run,), optional
+            How much the error of each run counts for the NARX; the same for all when left out.
+
+        Returns
+        -------
+        NARXWithRest
+            A model for any record, which is at its best on those of the runs.
+        """
+        watch, stages = Stopwatch(), Stages(progress, STAGES)
+        done, left_out = fitting_runs("CorrectedNARX.fit", runs)
+        seen = run_digests(done)
+        if start is not None and start.fitted.seen == seen:
+            narx = start.narx
+        else:
+            narx = self.narx.fit(runs, stages.of("narx"), weights=weights)
+        stages.done("narx")
+        left_over, share = (done, 1.0) if self.whole else _left_over(narx, done)
+        energy = min(self.rest.energy / share, LARGEST_ENERGY)
+        known = start.rest if start is not None and start.whole == self.whole else None
+        rest = replace(self.rest, left_out_energy=energy).fit(left_over, stages.of("rest"), known)
+        fit = Fit(
+            "CorrectedNARX", self.in_words, done.design.space, done.channels, rest.fitted.excitation, rest.fitted.dt,
+            *fitted_range(done.design), len(left_over), left_out + len(done) - len(left_over), rest.fitted.error * share,
+            self.limit, self.outside, watch.seconds, seen,
+        )  # fmt: skip
+        return NARXWithRest(fit, narx, rest, self.whole)
+
+
+LARGEST_ENERGY = 0.5
+"""Share of the variance of what is left over that its components may leave out at most."""
+
+
+def _left_over(narx: ParametricNARX, runs: Runs) -> tuple[Runs, float]:
+    """What a NARX leaves over of runs through which it comes, and its mean square relative to the runs' own variance."""
+    values, whole = np.full(runs.stored.shape, np.nan), np.zeros((2, len(runs.channels)))
+    for number in np.unique(runs.record_of_run):
+        of_record = np.flatnonzero(runs.record_of_run == number)
+        true, record = runs.on(int(number)).values, runs.records[number]
+        found = narx.run(runs.design.values[of_record], record).values
+        left = true[:, : len(record)] - found
+        values[of_record, : len(record)] = left
+        kept = np.isfinite(left).all(axis=(1, 2))
+        whole += [f(x[kept, : len(record)]) for f, x in ((_squares, left), (_variance, true))]
+    through = np.array(
+        [np.isfinite(v[: len(runs.records[r])]).all() for v, r in zip(values, runs.record_of_run, strict=True)]
+    )
+    left_over = replace(runs, stored=InMemory(values), status=np.where(through, runs.status, Status.DIVERGED))
+    return left_over[through], float(np.mean(whole[0] / whole[1]))
+
+
+def _squares(values: np.ndarray) -> np.ndarray:
+    return np.asarray((values**2).sum(axis=(0, 1)))
+
+
+def _variance(values: np.ndarray) -> np.ndarray:
+    return np.asarray(((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=(0, 1)))
+
+
+KIND = SurrogateKind(CorrectedNARX, NARXWithRest)

@@ -1,0 +1,274 @@
+"""A fitted NARX, and what it leaves over on the records whose runs are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from structid.device import jnp
+from structid.ground_motion.excitation import Excitation
+from structid.mechanics.time_loop import TimeLoop
+from structid.models.traceable import TracedExcitation
+from structid.surrogates.face import Surrogate
+from structid.surrogates.fit import Fit
+from structid.surrogates.named_arrays import found_under, put_under
+from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+from structid.surrogates.pod.score_shortcut import ScoreShortcut
+
+
+class NARXWithRest(Surrogate):
+    """A fitted `CorrectedNARX`: takes any record, and is at its best on those of its runs.
+
+    Parameters
+    ----------
+    fit : Fit
+        How it came about.
+    narx : ParametricNARX
+        The NARX.
+    rest : ResponseSpaceSurrogate
+        What this leaves over, on the records that it knows.
+    whole : bool
+        Whether that is the whole response.
+    """
+
+    own_records: ClassVar[bool] = True  # not only these, but its response to them is another one
+
+    def __init__(self, fit: Fit, narx: ParametricNARX, rest: ResponseSpaceSurrogate, whole: bool = False) -> None:
+        super().__init__(fit)
+        self.narx, self.rest, self.whole = narx, rest, whole
+
+    @property
+    def structure_in_words(self) -> list[tuple[str, str]]:
+        """The terms, and the records on which more is known."""
+        known = ", ".join(f"'{fit.name}'" for fit in self.rest.records.values())
+        of = "the response itself is interpolated on" if self.whole else "what they leave over is interpolated on"
+        return [*self.narx.structure_in_words, (of, known)]
+
+    def knows(self, identity: str) -> bool:
+        """Say whether runs on a record are known.
+
+        Parameters
+        ----------
+        identity : str
+            Content hash of the record.
+
+        Returns
+        -------
+        bool
+            False where the NARX responds alone.
+        """
+        return identity in self.rest.records
+
+    def _alone(self, identity: str) -> ParametricNARX | ResponseSpaceSurrogate | None:
+        """The part that responds alone to a record; None where their sum does."""
+        if not self.knows(identity):
+            return self.narx
+        return self.rest if self.whole else None
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse an excitation of another kind or step; see `ParametricNARX.check_excitation`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+        """
+        self.narx.check_excitation(excitation)
+
+    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+        """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives them.
+        """
+        super().before_run(theta, excitation)
+        if not self.knows(excitation.content_hash):
+            self.narx.before_run(theta, excitation)
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop of the free run, to each sample of which the rest is added; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            Of the kind and step it was trained with.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen is NaN from where a run has diverged.
+        """
+        admitted = self.admitted(theta)
+        alone = self._alone(excitation.identity)
+        if alone is not None:
+            loop = alone.time_loop(theta, excitation)
+            return loop._replace(usable=lambda state: loop.usable(state) & admitted)
+        narx, rest = self.narx.time_loop(theta, excitation), self.rest.time_loop(theta, excitation)
+
+        def step(states: tuple[Any, Any], rows: tuple[Any, Any]) -> tuple[tuple[Any, Any], Any]:
+            of_narx, free = narx.step(states[0], rows[0])
+            of_rest, left_over = rest.step(states[1], rows[1])
+            return (of_narx, of_rest), free + left_over
+
+        def usable(states: tuple[Any, Any]) -> Any:
+            return narx.usable(states[0]) & rest.usable(states[1]) & admitted
+
+        # Nothing of the lead-in is kept; the rest has no rows for it.
+        rows = narx.rows, tuple(jnp.tile(x, (1 + excitation.lead_in_periods, *[1] * (x.ndim - 1))) for x in rest.rows)
+        return TimeLoop((narx.start, rest.start), step, rows, narx.lead_in, usable, narx.unroll)
+
+    def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> ScoreShortcut | None:
+        """Sum modes and measurements over time where the whole response is interpolated; see `TraceableModel.shortcut`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (time, channel, measurement)
+            The measurements.
+        channels : tuple of str
+            Their channels.
+
+        Returns
+        -------
+        ScoreShortcut or None
+            None where a recursion responds.
+        """
+        if self._alone(excitation.content_hash) is not self.rest:
+            return None
+        return self.rest.shortcut(excitation, values, channels)
+
+    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+        """Variance of the error, averaged over time; see `StandIn.error_variance`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            What drives it.
+        values : jax.Array, shape (time, channel, run)
+            The response there.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            That of the rest on the records of the runs, that of the NARX on others.
+        """
+        knowing = self.rest if self.knows(excitation.identity) else self.narx
+        return knowing.error_variance(theta, excitation, values)
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation in time: that of the rest on the records of the runs, that of the NARX on others.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+        knowing = self.rest if self.knows(excitation.content_hash) else self.narx
+        return knowing.standard_deviation(theta, excitation, values)
+
+    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+        """Draw responses from what is known of the error; see `Surrogate.sampled`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI, a draw for each.
+        excitation : Excitation
+            What drives it.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN from where a free run has diverged.
+        """
+        alone = self._alone(excitation.content_hash)
+        if alone is not None:
+            return alone.sampled(theta, excitation, rng)
+        return np.asarray(self.narx.run(theta, excitation).values + self.rest.sampled(theta, excitation, rng))
+
+    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+        """Predict each run that the surrogate was fitted to with a rest of all others; see `ResponseSpaceSurrogate.left_out`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The runs that it was fitted to, in their order.
+        excitation : Excitation
+            One of their records.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN for a run through which the NARX does not come.
+        """
+        if self.whole:
+            return self.rest.left_out(theta, excitation)
+        values = self.narx.run(theta, excitation).values
+        through = np.isfinite(values).all(axis=(1, 2))
+        values[through] += self.rest.left_out(theta[through], excitation)
+        values[~through] = np.nan
+        return values
+
+    def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+        """Give what the surrogate consists of, for a file.
+
+        Returns
+        -------
+        tuple of dict
+            What JSON can hold, and arrays.
+        """
+        plain: dict[str, Any] = {}
+        arrays: dict[str, np.ndarray] = {}
+        for name, part in (("narx", self.narx), ("rest", self.rest)):
+            said, own = part.to_plain()
+            plain[name] = {"fit": part.fitted.to_plain(), "said": said}
+            arrays |= put_under(name, own)
+        return {**plain, "whole": self.whole}, arrays
+
+    @classmethod
+    def from_plain(cls, fit: Fit, plain: dict[str, Any], arrays: Mapping[str, np.ndarray]) -> NARXWithRest:
+        """Make a surrogate again from what `to_plain` said.
+
+        Parameters
+        ----------
+        fit : Fit
+            How it came about.
+        plain : dict
+            What JSON can hold.
+        arrays : mapping of str to ndarray
+            The arrays.
+
+        Returns
+        -------
+        NARXWithRest
+            The same surrogate.
+        """
+
+        def part(kind: Any, name: str) -> Any:
+            said = plain[name]
+            return kind.from_plain(Fit.from_plain(said["fit"]), said["said"], found_under(name, arrays))
+
+        return cls(fit, part(ParametricNARX, "narx"), part(ResponseSpaceSurrogate, "rest"), plain["whole"])
