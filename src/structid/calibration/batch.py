@@ -23,7 +23,7 @@ SCOUTS, MOST_SCOUTS = 4000, 2
 
 PLAUSIBLE = 25.0
 """How far below the highest density of the posterior that at the edge of the runs may lie, for something to be looked for beyond
-[nat]. A surrogate knows nothing out there, and what falls to this by the edge may rise again behind it."""
+[nat]. A surrogate knows nothing far out there, and what falls to this by the edge may rise again behind it."""
 
 POPULATION = 4000
 """Draws that a certificate's statement reckons with at most."""
@@ -158,7 +158,9 @@ def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, 
     )
 
 
-def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
+def next_batch(
+    explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator, made_up: np.ndarray | None = None
+) -> Batch:
     """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is.
 
     Parameters
@@ -171,15 +173,17 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
         How many.
     rng : numpy.random.Generator
         Source of randomness.
+    made_up : ndarray, shape (draw, parameter), optional
+        Draws in a mode that the surrogate may have made up, in SI; see `Exploration.made_up`.
 
     Returns
     -------
     Batch
-        Where the surrogate is sure of its posterior, half are plain draws. The others are first scouts of what may lie beyond the
-        runs, then draws of a wider law: those that bring the posterior inside the range of the runs, and those where the
-        surrogate's own uncertainty of the log density times the distance to known points is largest. Where it is not sure, they
-        come from a tempered posterior of 100 times the exponent up to which it is, far from known points; first those that bring
-        the sure one inside the range of the runs.
+        Where the surrogate is sure of its posterior, half are plain draws. The others are first scouts, of a mode that it may have
+        made up or of what may lie beyond the runs, then draws of a wider law: those that bring the posterior inside the range of
+        the runs, and those where the surrogate's own uncertainty of the log density times the distance to known points is largest.
+        Where it is not sure, they come from a tempered posterior of 100 times the exponent up to which it is, far from known
+        points; first those that bring the sure one inside the range of the runs.
     """
     if not explored.sure:
         return _on_the_way(explored, known, count, rng)
@@ -189,7 +193,9 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     theta, _ = posterior.bijection(plain)
     taken = np.concatenate([known, theta[:, :dimension]])
     candidates = widened_draws(explored, CANDIDATES, rng)
-    scouts = _scouts(explored, known, rng)
+    scouts = _plausible_beyond(explored, rng) if made_up is None or not len(made_up) else made_up[:, :dimension]
+    if len(scouts):
+        scouts = scouts[far_apart(_scores(posterior, scouts), _scores(posterior, known), MOST_SCOUTS)]
     taken = np.concatenate([taken, scouts])
     left = count - len(plain) - len(scouts)
     edges = beyond_the_runs(candidates[:, :dimension], explored.draws()[:, :dimension], taken)[:left]
@@ -201,8 +207,8 @@ def next_batch(explored: Exploration, known: np.ndarray, count: int, rng: np.ran
     return _batch(explored, plain, np.ones(len(plain)), others)
 
 
-def _scouts(explored: Exploration, known: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draws of the prior beyond all runs, where a mode could be: those with the highest density at the edge, far from one another.
+def _plausible_beyond(explored: Exploration, rng: np.random.Generator) -> np.ndarray:
+    """Draws of the prior beyond all runs, where a mode could be: those with a high density at the edge.
 
     Their laws of errors have the parameters that the posterior gives to them.
     """
@@ -212,11 +218,7 @@ def _scouts(explored: Exploration, known: np.ndarray, rng: np.random.Generator) 
     own = explored.draws()[rng.integers(len(explored.particles()), size=len(prior)), dimension:]
     theta = np.concatenate([prior, own], axis=1)
     density = posterior.log_density(theta) if len(theta) else np.empty(0)
-    near = np.flatnonzero(density >= explored.highest - PLAUSIBLE)
-    rows = (
-        near[far_apart(_scores(posterior, theta[near]), _scores(posterior, known), MOST_SCOUTS)] if len(near) else near
-    )
-    return np.asarray(prior[rows])
+    return np.asarray(prior[density >= explored.highest - PLAUSIBLE])
 
 
 def _on_the_way(explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator) -> Batch:
@@ -242,8 +244,7 @@ def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: n
 def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
 
-    Out there a surrogate responds as at the edge and is as sure of itself as at the edge, so its standard deviation gives no
-    warning.
+    Further out than it reaches a surrogate is as sure of itself as there, so its standard deviation gives no warning.
 
     Parameters
     ----------

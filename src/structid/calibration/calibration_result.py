@@ -74,6 +74,11 @@ class Round:
         judged_before_they_train = self.certificate is None and self.fresh > 0 and self.failed == 0
         return judged_before_they_train and self.spread <= PROMISING and self.deviation <= PROMISING
 
+    @property
+    def to_be_judged_again(self) -> bool:
+        """Whether its certificate was refused: its draws can judge the surrogate that has learnt from them."""
+        return self.certificate is not None and not self.certificate.certified and not self.again
+
     def __str__(self) -> str:
         told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
         if self.fresh:

@@ -11,6 +11,7 @@ import numpy as np
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.bridge import bennett_ratio
 from structid.inference.sampling.sampler import Block
+from structid.inference.sampling_result import SamplingResult
 from structid.streams import Purpose, stream
 from structid.surrogates.face import Surrogate
 
@@ -206,6 +207,26 @@ class Exploration:
         phi = self.particles(block)
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
+
+    def made_up(self, draws: SamplingResult) -> np.ndarray:
+        """Draws of the surrogate's posterior, by another sampler, at which it does not know its own density.
+
+        A surrogate of few runs may make a mode up where there are none, higher than the true one. The explorer comes from the prior
+        and may pass it by.
+
+        Parameters
+        ----------
+        draws : SamplingResult
+            Of the same posterior.
+
+        Returns
+        -------
+        ndarray, shape (draw, parameter)
+            In SI; none where the surrogate's own variance is small on average over them.
+        """
+        some = draws.thinned(PARTICLES_ASKED)
+        variance = self.variance_at(some)
+        return some[variance > LARGEST_VARIANCE] if np.mean(variance) > LARGEST_VARIANCE else some[:0]
 
     def variance_at(self, theta: np.ndarray) -> np.ndarray:
         """Variance of the log density at some points, over responses drawn from the surrogate's own error.

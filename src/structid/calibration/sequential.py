@@ -48,7 +48,7 @@ LAWS_FOLDER = "laws"
 """Draws under each of the laws that may be chosen."""
 
 LARGEST_OUTSIDE = 0.01
-"""Share of the posterior beyond the range of the runs, where a surrogate responds as at the edge, before a certificate."""
+"""Share of the posterior beyond the range of the runs, where a surrogate extrapolates, before a certificate."""
 
 SURE = 0.035
 """Standard deviation of the log density over the surrogate's own error with which a look is worth it, whatever the last round
@@ -276,18 +276,20 @@ class _Loop:
         chosen = due and self.law_is_open and self.choice is None
         if chosen and not self._choose_law(surrogate):
             due, explored = last_chance, self._explored(number, surrogate)
+        made_up = None
         if due or self._to_be_judged_again:
-            fit = explored.outside <= LARGEST_OUTSIDE and not self._final_draws(number, surrogate, training).failures
+            final = self._final_draws(number, surrogate, training)
+            made_up = explored.made_up(final.sampling)
+            fit = explored.outside <= LARGEST_OUTSIDE and not final.failures and not len(made_up)
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
         rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
         if again:
-            batch, beside = self._again(self._final_draws(number, surrogate, training).sampling, surrogate)
+            batch, beside = self._again(final.sampling, surrogate)
         elif due:
-            drawn = self._final_draws(number, surrogate, training).sampling
-            batch = certificate_draws(explored, drawn, self.plan.certificate, rng)
+            batch = certificate_draws(explored, final.sampling, self.plan.certificate, rng)
         else:
-            batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng)
+            batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng, made_up)
         sure = float(explored.exponents[explored.trusted]), explored.deviation
         said = {"final": due or again, "again": again, "chosen": chosen, "sure": sure}
         return batch.to_entry() | beside.to_entry() | {name: np.array(value) for name, value in said.items()}
@@ -295,10 +297,7 @@ class _Loop:
     @property
     def _to_be_judged_again(self) -> bool:
         """Whether the last round's certificate was refused: its draws can judge the surrogate that has learnt from them."""
-        if not self.rounds:
-            return False
-        last = self.rounds[-1]
-        return last.certificate is not None and not last.certificate.certified and not last.again
+        return bool(self.rounds) and self.rounds[-1].to_be_judged_again
 
     def _again(self, drawn: SamplingResult, surrogate: Surrogate) -> tuple[Batch, Beside]:
         """The last certificate's draws, each judged by a surrogate that has not seen it."""

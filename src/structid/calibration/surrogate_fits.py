@@ -78,7 +78,7 @@ class SurrogateFits:
         found: list[Any] = []
         for form in forms:
             found.append(cast(Any, form).fit(runs, self.told, **further))
-            if form.shares:
+            if getattr(form, "shares", False):
                 further["start"] = found[0]
         if self.last is None or len(found) == 1:
             return found[0], forms[0]

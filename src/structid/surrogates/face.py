@@ -36,13 +36,10 @@ class SurrogateSettings(Protocol):
         Whether `fit` takes ``start=``, a surrogate fitted to fewer runs from which its search begins.
     weighted : bool
         Whether `fit` takes ``weights=``, how much the error of each run counts.
-    shares : bool
-        Whether forms of it have a part in common, which `fit` takes over from a `start` that was fitted to the same runs.
     """
 
     warm_start: ClassVar[bool]
     weighted: ClassVar[bool]
-    shares: ClassVar[bool]
 
     @property
     def limit(self) -> float:
@@ -224,7 +221,7 @@ class Surrogate(TraceableModel, StandIn):
                 f"{self.fitted.kind}.simulate", came, allowed, "Fit it to more runs there, or allow it (outside=…)."
             )
         warnings.warn(
-            f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds as at the edge.",
+            f"{self.fitted.kind}: {came} it was fitted to ({allowed}); there it responds {self._beyond_in_words}.",
             StructidWarning,
             stacklevel=3,
         )
@@ -248,7 +245,7 @@ class Surrogate(TraceableModel, StandIn):
         return ((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1)
 
     def held_inside(self, theta: Any) -> Any:
-        """Move points outside the range of the design to its edge: beyond it nothing is known, and polynomials run away.
+        """Move points further outside the range of the design than it reaches to where it ends: polynomials run away.
 
         Parameters
         ----------
@@ -260,7 +257,13 @@ class Surrogate(TraceableModel, StandIn):
         array, shape (run, parameter)
             Of the kind `theta` is.
         """
-        return namespace(theta).clip(theta, self.fitted.low, self.fitted.high)
+        return namespace(theta).clip(theta, *self.fitted.ends)
+
+    @property
+    def _beyond_in_words(self) -> str:
+        if not self.fitted.reach:
+            return "as at the edge"
+        return f"by extrapolation, up to {self.fitted.reach:g} times that range, and as there further out"
 
     def admitted(self, theta: Any) -> Any:
         """Say which points a posterior may use: all, unless those outside are to be refused.
@@ -396,7 +399,7 @@ class Surrogate(TraceableModel, StandIn):
         return other
 
     def search_range(self) -> dict[str, tuple[float, float]]:
-        """Range of the design: beyond it the surrogate responds as at the edge, and a search would lose its way.
+        """Range of the design: beyond it little is known of the model, and a search would lose its way.
 
         Returns
         -------
@@ -428,6 +431,7 @@ class Surrogate(TraceableModel, StandIn):
         fit, prior = self.fitted, self.space.to_plain()
         # Derived parameters that are functions are named only in a file, and no response depends on them.
         told = [fit.kind, self.channels, fit.excitation, fit.dt, fit.outside, prior["marginals"], prior["correlation"]]
+        told += [fit.reach] * (fit.reach > 0.0)
         return digest(told, fit.low, fit.high, plain, *[arrays[k] for k in sorted(arrays)])
 
     def __str__(self) -> str:

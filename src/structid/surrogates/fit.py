@@ -55,6 +55,8 @@ class Fit:
         Wall time of the fit.
     seen : tuple of str
         A digest of each run it was fitted to. These runs cannot validate it.
+    reach : float
+        How far beyond the range of the design it extrapolates, as a share of the range's width; further out it responds as there.
     """
 
     kind: str
@@ -72,6 +74,13 @@ class Fit:
     outside: Literal["warn", "refuse", "allow"]
     seconds: float = field(default=float("nan"))
     seen: tuple[str, ...] = ()
+    reach: float = 0.0
+
+    @property
+    def ends(self) -> tuple[np.ndarray, np.ndarray]:
+        """Smallest and largest values of the parameters between which it responds by itself: the range and its reach beyond."""
+        margin, support = self.reach * (self.high - self.low), self.space.bounds
+        return np.maximum(self.low - margin, support[:, 0]), np.minimum(self.high + margin, support[:, 1])
 
     def to_plain(self) -> dict[str, Any]:
         """Give it in words and numbers, for a file.

@@ -75,7 +75,7 @@ def surrogate_warnings(
     if outside > 0.0:
         cure = "widen its design, or do more true runs there" if certified is None else "more true runs go there"
         found.append(
-            f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where it responds as at the edge: "
+            f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where little is known of the model: "
             + cure
         )
     return found

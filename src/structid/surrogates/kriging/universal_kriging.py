@@ -29,6 +29,9 @@ from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
 from structid.surrogates.progress import Steps
 from structid.surrogates.regression import check_training
 
+LOST = 0.1
+"""Share of the sum of squares that may be left when runs are left out, before a search from known lengths is taken for lost."""
+
 
 @names_checked
 @dataclass(frozen=True)
@@ -92,8 +95,8 @@ class Kriging:
         progress : callable, optional
             Called with the number of finished steps of the search for correlation lengths and the total.
         start : KrigingPredictor, optional
-            A Kriging fitted to fewer points. The search starts from its correlation lengths, and there is no global search. It is
-            used only if all outputs share their lengths.
+            A Kriging fitted to fewer points. The search starts from its correlation lengths, and there is no global search unless
+            that ends where little is learnt. It is used only if all outputs share their lengths.
 
         Returns
         -------
@@ -136,10 +139,18 @@ class Kriging:
             raise InputError(
                 "Kriging.fit", f"{len(theta)} runs for a trend of {len(trend)} terms", f"{len(trend) + 1} runs or more"
             )
-        candidates = [
-            self._fit_form(theta, outputs, group, trend, form, known, step_done) for form in self._forms(theta)
-        ]
-        return min(candidates, key=lambda c: float(np.sum(c.leave_one_out_residuals**2)))
+
+        def best(known: KrigingGroup | None, step_done: Steps) -> KrigingGroup:
+            forms = [
+                self._fit_form(theta, outputs, group, trend, form, known, step_done) for form in self._forms(theta)
+            ]
+            return min(forms, key=_left_over)
+
+        found = best(known, step_done)
+        if known is None or _left_over(found) <= LOST * float(np.sum((outputs - outputs.mean(axis=0)) ** 2)):
+            return found
+        # Lengths of a few runs may be a trap: so short that nothing is learnt, and no small step leads away from there.
+        return min(found, best(None, Steps(None, 1)), key=_left_over)
 
     def _trend_basis(self, design: Design, outputs: np.ndarray) -> PolynomialBasis:
         """Terms of the trend."""
@@ -183,6 +194,11 @@ class Kriging:
         return KrigingGroup(
             self.correlation, separable, group, centre, scale, data.points, trend, best[: theta.shape[1]], factors
         )
+
+
+def _left_over(group: KrigingGroup) -> float:
+    """Sum of squares that is left when each run is foretold by the others."""
+    return float(np.sum(group.leave_one_out_residuals**2))
 
 
 def _check_distinct(theta: np.ndarray) -> None:

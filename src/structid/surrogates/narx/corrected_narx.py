@@ -100,7 +100,7 @@ class CorrectedNARX:
 
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = True
-    shares: ClassVar[bool] = True
+    shares: ClassVar[bool] = True  # forms have the NARX in common, which `fit` takes over from one of the same runs
 
     @property
     def limit(self) -> float:

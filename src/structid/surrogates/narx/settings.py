@@ -79,7 +79,6 @@ class NARXSettings:
 
     warm_start: ClassVar[bool] = False
     weighted: ClassVar[bool] = True
-    shares: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_choice("training", self.training, ("joint", "per-experiment"))

@@ -77,7 +77,7 @@ def check_runs(kind: str, design: Design, records: Sequence[Excitation]) -> None
 
 
 def fit_records(
-    settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None
+    settings: PODSettings, regression: ScoreRegression, runs: Runs, progress: Progress | None, reach: float = 0.0
 ) -> ResponseSpaceSurrogate:
     """Fit principal components and a regression of their scores on every record.
 
@@ -91,6 +91,8 @@ def fit_records(
         Of the model it is to stand for; failed ones are left out.
     progress : callable or None
         Called with the percentage done and 100.
+    reach : float
+        How far beyond the range of the runs it extrapolates, see `Fit`.
 
     Returns
     -------
@@ -112,6 +114,7 @@ def fit_records(
         kind, settings.in_words, done.design.space, done.channels, excitation, dt,
         *fitted_range(done.design), len(done), left_out,
         float(np.mean([f.error for f in fits.values()])), settings.limit, settings.outside, watch.seconds, run_digests(done),
+        reach,
     )  # fmt: skip
     return ResponseSpaceSurrogate(fit, fits)
 

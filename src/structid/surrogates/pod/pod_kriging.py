@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -26,6 +26,10 @@ from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
 """Shares of the variance that components leave out."""
 
+REACH_IN_A_CALIBRATION = 0.5
+"""How far beyond the range of the runs a Kriging extrapolates in a calibration, as a share of the range's width. Its own variance
+says what it does not know there, and true runs follow. A response as at the edge hides a posterior in the tails of the prior."""
+
 
 @names_checked
 @dataclass(frozen=True)
@@ -39,6 +43,9 @@ class PODKriging:
     left_out_energy : float, optional
         Components are kept until they leave out this share of the variance; 1e-8 when left out, and 1e-13 in a calibration, where
         what they leave out would scatter the log density of precise measurements.
+    reach : float, optional
+        How far beyond the range of the runs it extrapolates, as a share of the range's width; further out it responds as there. 0
+        when left out, and 0.5 in a calibration, where its own variance is asked and true runs follow.
     limit : float
         Largest mean relative error with which it may be used in a posterior.
     outside : {"warn", "refuse", "allow"}
@@ -47,15 +54,17 @@ class PODKriging:
 
     kriging: Kriging = field(default_factory=Kriging)
     left_out_energy: float | None = None
+    reach: float | None = None
     limit: float = 1e-2
     outside: OutsideRule = "warn"
 
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = False
-    shares: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_energy(self.energy)
+        if self.reach is not None and not (isinstance(self.reach, (int, float)) and 0.0 <= self.reach < np.inf):
+            raise InputError("PODKriging.reach", f"{self.reach!r}", "a share of the range's width, 0 or more")
 
     @property
     def energy(self) -> float:
@@ -64,15 +73,15 @@ class PODKriging:
 
     @property
     def forms(self) -> tuple[PODKriging, ...]:
-        """Forms of the Kriging to choose among where the posterior is; only itself where one was asked for."""
-        if self.kriging != Kriging():
-            return (self,)
+        """Forms for a calibration, to choose among where the posterior is; only one where a Kriging was asked for."""
         kinds = (
             Kriging(separable=False), Kriging(separable=True), Kriging(separable=False, trend="linear"),
             Kriging(correlation="gaussian"),
         )  # fmt: skip
         energy = LEFT_OUT_IN_A_CALIBRATION if self.left_out_energy is None else self.left_out_energy
-        return tuple(replace(self, kriging=kind, left_out_energy=energy) for kind in kinds)
+        reach = REACH_IN_A_CALIBRATION if self.reach is None else self.reach
+        some = kinds if self.kriging == Kriging() else (self.kriging,)
+        return tuple(replace(self, kriging=kind, left_out_energy=energy, reach=reach) for kind in some)
 
     @property
     def in_words(self) -> dict[str, Any]:
@@ -124,7 +133,7 @@ class PODKriging:
             before = before.inner if isinstance(before, InCoordinates) else before
             return self.kriging.fit(design, scores, tell, before if isinstance(before, KrigingPredictor) else None)
 
-        return fit_records(self, regression, runs, progress)
+        return fit_records(self, regression, runs, progress, self.reach or 0.0)
 
 
 def from_keys(**given: Any) -> PODKriging:
@@ -145,5 +154,9 @@ def from_keys(**given: Any) -> PODKriging:
 
 
 KIND = SurrogateKind(
-    PODKriging, ResponseSpaceSurrogate, "pod_kriging", {"left_out_energy": float, **KRIGING_KEYS}, from_keys
+    PODKriging,
+    ResponseSpaceSurrogate,
+    "pod_kriging",
+    {"left_out_energy": float, "reach": float, **KRIGING_KEYS},
+    from_keys,
 )

@@ -42,7 +42,6 @@ class PODPCE:
 
     warm_start: ClassVar[bool] = False
     weighted: ClassVar[bool] = False
-    shares: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         check_energy(self.left_out_energy)
