@@ -310,6 +310,24 @@ def test_a_surrogate_that_is_sure_of_nothing_yet_is_taught_on_the_way(space, mod
     assert len(batch.fresh) == 0 and 5 <= len(batch.others) <= 10
 
 
+def test_a_mode_that_a_surrogate_has_made_up(calibrated, space, model, measured):
+    """Draws at which it does not know its own density are no draws for a certificate; runs go there first."""
+    result, _ = calibrated
+    posterior = result.posterior.on(result.surrogate)
+    phi = posterior.bijection.inverse(result.sampling.thinned(100))
+    density = posterior.log_density(result.sampling.thinned(100))[None, None]
+    blocks = [{"phi": phi[None, None], "exponent": np.array([e]), "log_density": density} for e in (0.0, 1.0)]
+    explored = Exploration(posterior, result.surrogate, blocks)
+    assert explored.sure and len(explored.made_up(result.sampling)) == 0
+    elsewhere = result.sampling.history.copy()
+    elsewhere[..., :2] = space.sample(elsewhere[..., 0].size, seed=3).values.reshape(*elsewhere.shape[:-1], 2)
+    made_up = explored.made_up(replace(result.sampling, history=elsewhere))
+    assert len(made_up) > 10 and np.median(explored.variance_at(made_up)) > 1.0
+    known = result.runs.design.values
+    chosen = next_batch(explored, known, 10, np.random.default_rng(1), made_up).others
+    assert (chosen[: batch.MOST_SCOUTS, None] == made_up[:, :2]).all(axis=2).any(axis=1).all()
+
+
 # --- pieces ---------------------------------------------------------------------------------------------------------
 
 

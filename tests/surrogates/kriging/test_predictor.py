@@ -1,11 +1,14 @@
 """Kriging: interpolation, leave-one-out against refitting, exact gradients, honest standard deviations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import structid as si
 from structid.errors import InputError
 from structid.probability.designs import Design
+from structid.surrogates.kriging import universal_kriging
 from structid.surrogates.kriging.hyperparameters import HyperparameterObjective
 from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFactors
 
@@ -26,6 +29,18 @@ def test_it_interpolates_without_a_nugget(correlation, trend):
     mean, deviation = predictor.predict(design.values, return_std=True)
     np.testing.assert_allclose(mean, smooth(design.values), atol=2e-5)
     assert (deviation < 2e-3).all()
+
+
+@pytest.mark.parametrize(("lost", "learns"), [(universal_kriging.LOST, True), (np.inf, False)])
+def test_a_search_leaves_lengths_at_which_nothing_is_learnt(monkeypatch, lost, learns):
+    """As those of a few runs may be: the others say nothing of any point, and no small step changes that."""
+    monkeypatch.setattr(universal_kriging, "LOST", lost)
+    design, settings = SPACE.sample(40, seed=1), si.Kriging(separable=False)
+    start = settings.fit(design[:10], smooth(design.values[:10]))
+    short = replace(start.groups[0], log_lengths=np.full(2, np.log(1e-4)))
+    found = settings.fit(design, smooth(design.values), start=replace(start, groups=(short,)))
+    left = np.sum(found.groups[0].leave_one_out_residuals ** 2) / np.sum(np.var(smooth(design.values), axis=0) * 40)
+    assert left < 0.02 if learns else left > 0.5
 
 
 @pytest.mark.parametrize("nugget", [0.0, 1e-3])

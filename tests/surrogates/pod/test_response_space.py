@@ -5,6 +5,7 @@ import pytest
 import scipy.stats
 
 import structid as si
+from structid.errors import InputError, StructidWarning
 
 
 @pytest.fixture(scope="module")
@@ -74,3 +75,53 @@ def test_many_components_of_several_channels_are_compiled(short_posterior):
     theta = space.sample(20, seed=4).values
     given = posterior.given([surrogate.simulate(theta, record).values])
     np.testing.assert_allclose(posterior.log_density(theta), given.log_density(theta), rtol=1e-9)
+
+
+SPRING = si.ParameterSpace(stiffness=si.Uniform(5.0, 10.0, unit="kN/mm"))
+
+
+@pytest.fixture(scope="module")
+def within():
+    """Runs of a spring between 6 and 8 kN/mm."""
+    record = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(1.0)
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=0.5, beta=60.0, gamma_ratio=0.5, free=SPRING.names)
+    return model, si.Campaign(model, record, si.Design(np.linspace(6e6, 8e6, 12)[:, None], SPRING)).run()
+
+
+def test_how_far_it_reaches(within, tmp_path):
+    """It extrapolates with its own variance, as far as it was told to, and stays as it is there from then on."""
+    model, runs = within
+    record = runs.records[0]
+    held, reaching = (si.PODKriging(reach=reach).fit(runs) for reach in (None, 0.2))
+    low, high = reaching.fitted.ends
+    margin = 0.2 * (reaching.fitted.high - reaching.fitted.low)
+    np.testing.assert_allclose([low, high], [reaching.fitted.low - margin, reaching.fitted.high + margin])
+    np.testing.assert_array_equal(held.fitted.ends, [held.fitted.low, held.fitted.high])
+    just_outside = np.array([[8.3e6]])
+    with pytest.warns(StructidWarning, match="responds as at the edge"):
+        at_the_edge = held.simulate(just_outside, record).values
+    with pytest.warns(StructidWarning, match=r"by extrapolation, up to 0.2 times that range"):
+        extrapolated, spread = reaching.predict(just_outside, record, return_std=True)
+    true = model.simulate(just_outside, record).values
+    assert np.abs(extrapolated.values - true).max() < 0.3 * np.abs(at_the_edge - true).max()
+    assert spread.max() > 3.0 * reaching.predict(np.array([[7e6]]), record, return_std=True)[1].max()
+    with pytest.warns(StructidWarning):
+        far = [reaching.simulate(np.array([[k]]), record).values for k in (high[0], 9.9e6)]
+    np.testing.assert_array_equal(*far)
+    again = si.load_surrogate(reaching.save(tmp_path / "surrogate.h5"))
+    assert again.fitted.reach == 0.2 and again.content_hash == reaching.content_hash != held.content_hash
+
+
+def test_it_reaches_no_further_than_the_prior(within):
+    _, runs = within
+    np.testing.assert_array_equal(si.PODKriging(reach=5.0).fit(runs).fitted.ends, SPRING.bounds.T)
+    with pytest.raises(InputError, match="reach: -1.*0 or more"):
+        si.PODKriging(reach=-1.0)
+
+
+def test_what_stands_for_it_in_a_calibration():
+    """It reaches further and keeps more components, unless it was told otherwise."""
+    usual = si.PODKriging().forms
+    assert len(usual) == 4 and {(f.reach, f.left_out_energy) for f in usual} == {(0.5, 1e-13)}
+    told = si.PODKriging(si.Kriging(trend="quadratic"), left_out_energy=1e-6, reach=0.0).forms
+    assert told == (si.PODKriging(si.Kriging(trend="quadratic"), left_out_energy=1e-6, reach=0.0),)
