@@ -115,7 +115,7 @@ def test_how_far_it_reaches(within, tmp_path):
 def test_it_reaches_no_further_than_the_prior(within):
     _, runs = within
     np.testing.assert_array_equal(si.PODKriging(reach=5.0).fit(runs).fitted.ends, SPRING.bounds.T)
-    with pytest.raises(InputError, match="reach: -1.*0 or more"):
+    with pytest.raises(InputError, match=r"reach: -1.*0 or more"):
         si.PODKriging(reach=-1.0)
 
 
