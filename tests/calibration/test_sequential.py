@@ -12,6 +12,7 @@ from structid.calibration import batch
 from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import beyond_the_runs, far_apart, next_batch
 from structid.calibration.exploration import Exploration
+from structid.calibration.final_draws import _made_up as made_up_of
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
 from structid.inference.assessment.certificate import Limits
@@ -318,10 +319,10 @@ def test_a_mode_that_a_surrogate_has_made_up(calibrated, space, model, measured)
     density = posterior.log_density(result.sampling.thinned(100))[None, None]
     blocks = [{"phi": phi[None, None], "exponent": np.array([e]), "log_density": density} for e in (0.0, 1.0)]
     explored = Exploration(posterior, result.surrogate, blocks)
-    assert explored.sure and len(explored.made_up(result.sampling)) == 0
+    assert explored.sure and len(made_up_of(posterior, result.surrogate, result.sampling)) == 0
     elsewhere = result.sampling.history.copy()
     elsewhere[..., :2] = space.sample(elsewhere[..., 0].size, seed=3).values.reshape(*elsewhere.shape[:-1], 2)
-    made_up = explored.made_up(replace(result.sampling, history=elsewhere))
+    made_up = made_up_of(posterior, result.surrogate, replace(result.sampling, history=elsewhere))
     assert len(made_up) > 10 and np.median(explored.variance_at(made_up)) > 1.0
     known = result.runs.design.values
     chosen = next_batch(explored, known, 10, np.random.default_rng(1), made_up).others

@@ -174,7 +174,7 @@ def next_batch(
     rng : numpy.random.Generator
         Source of randomness.
     made_up : ndarray, shape (draw, parameter), optional
-        Draws in a mode that the surrogate may have made up, in SI; see `Exploration.made_up`.
+        Draws in a mode that the surrogate may have made up, in SI; see `FinalDraws`.
 
     Returns
     -------

@@ -11,7 +11,6 @@ import numpy as np
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.bridge import bennett_ratio
 from structid.inference.sampling.sampler import Block
-from structid.inference.sampling_result import SamplingResult
 from structid.streams import Purpose, stream
 from structid.surrogates.face import Surrogate
 
@@ -208,26 +207,6 @@ class Exploration:
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
-    def made_up(self, draws: SamplingResult) -> np.ndarray:
-        """Draws of the surrogate's posterior, by another sampler, at which it does not know its own density.
-
-        A surrogate of few runs may make a mode up where there are none, higher than the true one. The explorer comes from the prior
-        and may pass it by.
-
-        Parameters
-        ----------
-        draws : SamplingResult
-            Of the same posterior.
-
-        Returns
-        -------
-        ndarray, shape (draw, parameter)
-            In SI; none where the surrogate's own variance is small on average over them.
-        """
-        some = draws.thinned(PARTICLES_ASKED)
-        variance = self.variance_at(some)
-        return some[variance > LARGEST_VARIANCE] if np.mean(variance) > LARGEST_VARIANCE else some[:0]
-
     def variance_at(self, theta: np.ndarray) -> np.ndarray:
         """Variance of the log density at some points, over responses drawn from the surrogate's own error.
 
@@ -241,11 +220,31 @@ class Exploration:
         ndarray, shape (run,)
             In nats squared; infinite where a response has no density.
         """
-        rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
-        parameters = np.repeat(np.asarray(self.posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
-        rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
-        responses = [self.surrogate.sampled(parameters, o.record, rng) for o in self.posterior.observations]
-        density = self.posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
-        known = np.isfinite(density).all(axis=1)
-        variance = np.var(np.where(known[:, None], density, 0.0), axis=1, ddof=1)
-        return np.where(known, variance, np.inf)
+        return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
+
+
+def variance_by_the_surrogate(posterior: Posterior, surrogate: Surrogate, theta: np.ndarray) -> np.ndarray:
+    """Variance of the log density at some points, over responses drawn from a surrogate's own error.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With the measurements.
+    surrogate : Surrogate
+        Whose error.
+    theta : ndarray, shape (run, parameter)
+        In SI.
+
+    Returns
+    -------
+    ndarray, shape (run,)
+        In nats squared; infinite where a response has no density.
+    """
+    rng = stream(0, Purpose.SURROGATE_ERROR)  # the same at every call, so that points can be compared
+    parameters = np.repeat(np.asarray(posterior.model_parameters(theta)), SAMPLED_RESPONSES, axis=0)
+    rows = np.repeat(theta, SAMPLED_RESPONSES, axis=0)
+    responses = [surrogate.sampled(parameters, o.record, rng) for o in posterior.observations]
+    density = posterior.given(responses).log_density(rows).reshape(len(theta), SAMPLED_RESPONSES)
+    known = np.isfinite(density).all(axis=1)
+    variance = np.var(np.where(known[:, None], density, 0.0), axis=1, ddof=1)
+    return np.where(known, variance, np.inf)

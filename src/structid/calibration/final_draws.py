@@ -1,4 +1,4 @@
-"""Draws of a surrogate's posterior that are good enough to be certified: converged, and what a second explorer finds, too."""
+"""Draws of a surrogate's posterior that are good enough to be certified: converged, found by a second explorer, and not made up."""
 
 from __future__ import annotations
 
@@ -9,13 +9,15 @@ from typing import Any, cast
 
 import numpy as np
 
-from structid.inference.assessment.representation import EXPLORER, Representation, represented
+from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_surrogate
+from structid.inference.assessment.representation import EXPLORER, LONGEST, Representation, represented
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Progress
+from structid.surrogates.face import Surrogate
 
 USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5)
 """Draws from the surrogate's posterior, where no sampler is named."""
@@ -26,6 +28,9 @@ MORE_CAREFUL = (
     replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
 )
 """What it is followed by while draws have not converged: along a narrow ridge particles move slowly."""
+
+ASKED = 64
+"""Draws at which the surrogate is asked how sure it is."""
 
 LONGER = (1, 4, 16)
 """How many times as many steps a sampler that was asked for takes while its draws have not converged."""
@@ -41,19 +46,34 @@ class FinalDraws:
         The draws.
     representation : Representation
         They beside those of a second explorer.
+    made_up : ndarray, shape (draw, parameter)
+        Some of them, in SI, at which the surrogate does not know its own density. One of few runs may make a mode up where there
+        are none, higher than the true one.
     """
 
     sampling: SamplingResult = field(repr=False)
     representation: Representation
+    made_up: np.ndarray = field(repr=False)
 
     @property
     def failures(self) -> tuple[str, ...]:
         """Why they do not, one sentence each; empty where they do."""
-        return (*self.sampling.verdict().failures, *self.representation.failures)
+        unsure = ["the surrogate does not know its own density at these draws: it may have made a mode up"]
+        return (
+            *self.sampling.verdict().failures,
+            *self.representation.failures,
+            *(unsure if len(self.made_up) else []),
+        )
 
 
 def final_draws(
-    under: Posterior, known: np.ndarray, sampler: Sampler | None, seed: int, folder: Path | None, told: Progress
+    under: Posterior,
+    surrogate: Surrogate,
+    known: np.ndarray,
+    sampler: Sampler | None,
+    seed: int,
+    folder: Path | None,
+    told: Progress,
 ) -> FinalDraws:
     """Draw from a surrogate's posterior; by more and more careful samplers until the draws converge, and a second explorer agrees.
 
@@ -61,6 +81,8 @@ def final_draws(
     ----------
     under : Posterior
         Of the surrogate.
+    surrogate : Surrogate
+        Which knows its own error.
     known : ndarray, shape (run, model parameter)
         Points of true runs, in SI: the second explorer searches for modes from there as well.
     sampler : Sampler or None
@@ -83,10 +105,20 @@ def final_draws(
             drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
             errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
-            found = FinalDraws(drawn, represented(under, drawn.kept, starts, seed, again, drawn.log_evidence))
-            if not found.failures:
+            made_up = _made_up(under, surrogate, drawn)
+            longest = 1 if len(made_up) else LONGEST  # what is made up need not be explored to the end
+            beside = represented(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
+            found = FinalDraws(drawn, beside, made_up)
+            if len(made_up) or not found.failures:
                 break
     return found
+
+
+def _made_up(under: Posterior, surrogate: Surrogate, drawn: SamplingResult) -> np.ndarray:
+    """Some of the draws at which the surrogate is unsure of its density; none where it is sure on average over all."""
+    some = drawn.thinned(ASKED)
+    variance = variance_by_the_surrogate(under, surrogate, some)
+    return some[variance > LARGEST_VARIANCE] if np.mean(variance) > LARGEST_VARIANCE else some[:0]
 
 
 def _one_after_another(sampler: Sampler | None) -> list[tuple[str, Sampler, SMC]]:

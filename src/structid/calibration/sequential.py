@@ -279,8 +279,7 @@ class _Loop:
         made_up = None
         if due or self._to_be_judged_again:
             final = self._final_draws(number, surrogate, training)
-            made_up = explored.made_up(final.sampling)
-            fit = explored.outside <= LARGEST_OUTSIDE and not final.failures and not len(made_up)
+            made_up, fit = final.made_up, explored.outside <= LARGEST_OUTSIDE and not final.failures
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
         rng, beside = stream(self.seed, Purpose.CALIBRATION_BATCH, number), Beside()
@@ -328,7 +327,8 @@ class _Loop:
             sampler = None if self.sampler is not None and self.sampler.exact else self.sampler
             seed = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING)
             known, told = self.true.points[:training], self._told("sampling")
-            self.final = number, final_draws(self.posterior.on(surrogate), known, sampler, seed, folder, told)
+            under = self.posterior.on(surrogate)
+            self.final = number, final_draws(under, surrogate, known, sampler, seed, folder, told)
         return self.final[1]
 
     def _promising(self, explored: Exploration) -> bool:

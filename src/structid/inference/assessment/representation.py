@@ -37,7 +37,7 @@ PARTICLES = 2000
 """Draws that the second explorer knows of."""
 EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
 """The second explorer."""
-LONGER = 16
+LONGEST = 16
 """Times as many steps it takes once more where it disagrees; the first half of them is for settling."""
 
 
@@ -100,6 +100,7 @@ def represented(
     seed: int,
     explorer: SMC = EXPLORER,
     evidence: Evidence | None = None,
+    longest: int = LONGEST,
 ) -> Representation:
     """Explore a target a second time, and compare draws with what is found.
 
@@ -117,6 +118,8 @@ def represented(
         Settings of the second explorer.
     evidence : Evidence, optional
         log Z by the first one.
+    longest : int
+        Times as many steps it takes once more where it disagrees; 1 lets it be.
 
     Returns
     -------
@@ -129,7 +132,7 @@ def represented(
     modes = _modes(target, some, density, known, stream(seed, Purpose.SMC_SCOUTS))
     reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
     again = derived_seed(seed, Purpose.BESIDE)
-    for times in (1, LONGER):  # of two that disagree the second may be the one that is wrong
+    for times in dict.fromkeys((1, longest)):  # of two that disagree the second may be the one that is wrong
         longer = replace(explorer, steps=times * explorer.steps)
         second = longer.run(reference, again, None, [], lambda _index, _block: None)
         found = _compared(target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence)
