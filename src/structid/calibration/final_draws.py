@@ -32,6 +32,9 @@ MORE_CAREFUL = (
 ASKED = 64
 """Draws at which the surrogate is asked how sure it is."""
 
+NOT_YET_LONGEST = 4
+"""Times as many steps a second explorer takes that disagrees with draws for which there is a more careful sampler."""
+
 LONGER = (1, 4, 16)
 """How many times as many steps a sampler that was asked for takes while its draws have not converged."""
 
@@ -101,15 +104,20 @@ def final_draws(
     """
     with tempfile.TemporaryDirectory() as scratch:
         where = Path(scratch) if folder is None else folder
-        for name, one, again in _one_after_another(sampler):
+        tried = _one_after_another(sampler)
+        for place, (name, one, again) in enumerate(tried, 1):
             drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
+            made_up = _made_up(under, surrogate, drawn)
+            last = place == len(tried) or len(made_up) > 0
+            if drawn.verdict().failures and not last:
+                continue
             errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
-            made_up = _made_up(under, surrogate, drawn)
-            longest = 1 if len(made_up) else LONGEST  # what is made up need not be explored to the end
+            # What is made up need not be explored to the end, and where a more careful sampler is left, it comes first.
+            longest = 1 if len(made_up) else LONGEST if last else NOT_YET_LONGEST
             beside = represented(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
             found = FinalDraws(drawn, beside, made_up)
-            if len(made_up) or not found.failures:
+            if last or not found.failures:
                 break
     return found
 
