@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import Status
+from structid.errors import InputError, Status
 from structid.surrogates.registry import load_surrogate
 from structid.surrogates.validation import relative_errors
 
@@ -154,3 +154,9 @@ def test_an_excitation_with_a_lead_in():
     np.testing.assert_allclose(
         fitted.response(runs.design.values, fitted.traced(signal))[0].transpose(2, 0, 1), found, rtol=1e-9
     )
+
+
+@pytest.mark.parametrize("other", [si.PODKriging(), si.NARX(), "pc_narx"])
+def test_something_that_is_no_narx_of_parameters(other):
+    with pytest.raises(InputError, match="a PCNARX or a KrigingNARX"):
+        si.CorrectedNARX(other)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from structid.errors import Status, names_checked
+from structid.errors import InputError, Status, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -17,11 +17,15 @@ from structid.surrogates.fit import Fit, OutsideRule, Stopwatch, fitted_range, f
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.narx_with_rest import NARXWithRest
 from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.narx.settings import NARXSettings
 from structid.surrogates.pod.pod_kriging import PODKriging
 from structid.surrogates.progress import Stages
 
 STAGES = {"narx": 10.0, "rest": 2.0}
 """Stages of a fit, and their share of its time."""
+
+LARGEST_ENERGY = 0.5
+"""Share of the variance of what is left over that its components may leave out at most."""
 
 
 class TrainedNARX(Protocol):
@@ -101,6 +105,10 @@ class CorrectedNARX:
     warm_start: ClassVar[bool] = True
     weighted: ClassVar[bool] = True
     shares: ClassVar[bool] = True  # forms have the NARX in common, which `fit` takes over from one of the same runs
+
+    def __post_init__(self) -> None:
+        if not (isinstance(self.narx, NARXSettings) and hasattr(type(self.narx), "forms")):
+            raise InputError("CorrectedNARX(narx)", f"a {type(self.narx).__name__}", "a PCNARX or a KrigingNARX")
 
     @property
     def limit(self) -> float:
@@ -187,13 +195,9 @@ class CorrectedNARX:
         fit = Fit(
             "CorrectedNARX", self.in_words, done.design.space, done.channels, rest.fitted.excitation, rest.fitted.dt,
             *fitted_range(done.design), len(left_over), left_out + len(done) - len(left_over), rest.fitted.error * share,
-            self.limit, self.outside, watch.seconds, seen,
+            self.limit, self.outside, watch.seconds, seen, self.rest.reach or 0.0,
         )  # fmt: skip
         return NARXWithRest(fit, narx, rest, self.whole)
-
-
-LARGEST_ENERGY = 0.5
-"""Share of the variance of what is left over that its components may leave out at most."""
 
 
 def _left_over(narx: ParametricNARX, runs: Runs) -> tuple[Runs, float]:
