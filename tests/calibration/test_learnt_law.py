@@ -5,6 +5,7 @@ import pytest
 import scipy.stats
 
 import structid as si
+from structid.calibration import hidden_modes
 from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, in_parameters, normal_by, standardised_by
 from structid.inference.assessment.fitted_density import FittedDensity
 from structid.probability.bijections import Bijection
@@ -118,7 +119,15 @@ def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
 @pytest.mark.parametrize("seed", range(2))
 def test_a_search_that_finds_nothing_takes_no_certificate_away(seed):
     found = si.certify(target(bent), of_bent(6000, seed), bent, searches=10, seed=seed)
-    assert found.certified and found.true_runs <= 31 + 10
+    assert found.certified and found.true_runs <= 31 + 2 * 10
+
+
+@pytest.mark.parametrize("near", [0.0, 1e9])
+def test_a_search_that_has_come_near_to_something_goes_on(monkeypatch, near):
+    monkeypatch.setattr(hidden_modes, "NEAR", near)
+    monkeypatch.setattr(hidden_modes, "HOPELESS", -np.inf)
+    found = si.certify(target(bent), of_bent(6000, 1), bent, searches=3, seed=1)
+    assert found.searched == (6 if near else 3)
 
 
 @pytest.mark.parametrize("word", ["searches", "teaching"])

@@ -76,7 +76,7 @@ def certify(
         the tails.
     searches : int, optional
         Further true runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs` when
-        left out. They need a posterior that knows its prior.
+        left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
     teaching : int, optional
         Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
         `true_runs` when left out.

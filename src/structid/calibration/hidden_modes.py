@@ -22,6 +22,8 @@ AT_ONCE = 3
 """Runs of a round: each tells much of where the next one should be."""
 APART = 0.3
 """Smallest distance between two of them, in standard deviations of the prior."""
+NEAR = 3.0
+"""Times `Limits.reach` below the best run within which a run has come near to something: the search goes on there."""
 HOPELESS = -10.0
 """Standard deviations of the Kriging below what would matter at which the search ends."""
 
@@ -46,7 +48,7 @@ def searched(
     middle : float
         log π/q, in the middle of the draws.
     count : int
-        Runs at most.
+        Runs at most; twice as many where one of them has come near to something.
     run : callable
         From points (point, parameter) in SI to log π there.
     limits : Limits
@@ -68,7 +70,8 @@ def searched(
     # What the draws do not visit; in their tails, fresh draws of a wider law see for themselves.
     free = (of_draws < known[1].max() - limits.reach) & ~law.covers(theta)
     made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
-    while len(made[0]) < count and free.any():
+    most = count
+    while len(made[0]) < most and free.any():
         points, log_true = joined(known, made)
         phi = law.bijection.inverse(points)
         values = log_true + law.bijection(phi)[1]
@@ -78,7 +81,7 @@ def searched(
         mean, deviation = kriged.at(scouts)
         matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
         chance = np.where(free, (mean - jacobian - matters) / np.maximum(deviation, 1e-9), -np.inf)
-        places = _apart(chance, z, min(AT_ONCE, count - len(made[0])))
+        places = _apart(chance, z, min(AT_ONCE, most - len(made[0])))
         if not len(places):
             break
         found = run(theta[places])
@@ -86,6 +89,8 @@ def searched(
         free[places] = False
         if (found >= matters[places]).any():
             break
+        if (found >= known[1].max() - NEAR * limits.reach).any():
+            most = 2 * count
     return made
 
 
