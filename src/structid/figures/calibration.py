@@ -62,7 +62,9 @@ def rounds(
         last = column == len(log_weights) - 1
         axis.plot(across[~beyond], shown[~beyond], "o", ms=3, mew=0, alpha=0.7, color=ACCENT if last else MODEL)
         axis.plot(across[beyond], shown[beyond], "v", ms=4, mew=0, color=ACCENT if last else MODEL)
-    axis.set_yscale("symlog", linthresh=1.0)
+    if any(np.abs(axis.get_ylim()) > 1.0):  # a symmetric logarithm has no ticks but 0 below that
+        axis.set_yscale("symlog", linthresh=1.0)
+    axis.set_xlim(-0.5, len(training) - 0.5)
     axis.set_xticks(range(len(training)), [f"round {i + 1}\n{n} runs" for i, n in enumerate(training)])
     axis.set_ylabel(r"log $\pi_\mathrm{true}/\pi_\mathrm{surrogate}$ [nat]")
     return finish(figure, save=save)
