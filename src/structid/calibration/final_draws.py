@@ -72,6 +72,7 @@ class FinalDraws:
 def final_draws(
     under: Posterior,
     surrogate: Surrogate,
+    sure: bool,
     known: np.ndarray,
     sampler: Sampler | None,
     seed: int,
@@ -86,6 +87,9 @@ def final_draws(
         Of the surrogate.
     surrogate : Surrogate
         Which knows its own error.
+    sure : bool
+        Whether it was sure of its density where the posterior was explored. One that is never so, such as a chaos expansion that
+        knows one error for all points, cannot say what it has made up.
     known : ndarray, shape (run, model parameter)
         Points of true runs, in SI: the second explorer searches for modes from there as well.
     sampler : Sampler or None
@@ -107,7 +111,7 @@ def final_draws(
         tried = _one_after_another(sampler)
         for place, (name, one, again) in enumerate(tried, 1):
             drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
-            made_up = _made_up(under, surrogate, drawn)
+            made_up = _made_up(under, surrogate, drawn) if sure else drawn.flat[:0]
             last = place == len(tried) or len(made_up) > 0
             if drawn.verdict().failures and not last:
                 continue

@@ -278,7 +278,7 @@ class _Loop:
             due, explored = last_chance, self._explored(number, surrogate)
         made_up = None
         if due or self._to_be_judged_again:
-            final = self._final_draws(number, surrogate, training)
+            final = self._final_draws(number, surrogate, training, explored.sure)
             made_up, fit = final.made_up, explored.outside <= LARGEST_OUTSIDE and not final.failures
             due = due and (fit or last_chance)
         again = self._to_be_judged_again and (fit or self._left(training) < 0)
@@ -320,7 +320,7 @@ class _Loop:
         self.plan.explorer.run(under, seed, None, [], lambda _index, block: blocks.append(block), told)
         return Exploration(under, surrogate, blocks)
 
-    def _final_draws(self, number: int, surrogate: Surrogate, training: int) -> FinalDraws:
+    def _final_draws(self, number: int, surrogate: Surrogate, training: int, sure: bool) -> FinalDraws:
         """Draws that a certificate of this round is about; drawn once, or read from the store."""
         if self.final is None or self.final[0] != number:
             folder = None if self.folder is None else self.folder / f"draws_{number}"
@@ -328,7 +328,7 @@ class _Loop:
             seed = derived_seed(self.seed, Purpose.CALIBRATION_SAMPLING)
             known, told = self.true.points[:training], self._told("sampling")
             under = self.posterior.on(surrogate)
-            self.final = number, final_draws(under, surrogate, known, sampler, seed, folder, told)
+            self.final = number, final_draws(under, surrogate, sure, known, sampler, seed, folder, told)
         return self.final[1]
 
     def _promising(self, explored: Exploration) -> bool:
@@ -358,6 +358,7 @@ class _Loop:
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""
         number, again, count = len(self.rounds), bool(entry["again"]), len(batch.fresh)
+        exponent, deviation = map(float, entry["sure"])
         first = training - count if again else training
         fresh = slice(first, first + count)
         log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
@@ -371,12 +372,11 @@ class _Loop:
             density, theta = best_densities(self.posterior, self.true, batch)
             stored = StoredRuns(density, self.posterior.on(surrogate).log_density(theta))
             doubts = (
-                *self._final_draws(number, surrogate, training).failures,
+                *self._final_draws(number, surrogate, training, exponent == 1.0).failures,
                 *self._noise(first, batch, log_true, again),
             )
             spent = len(self.true) + self.twice
             certificate = judged(drawn, stored, self.posterior.names, spent, look, self.plan.limits, doubts)
-        exponent, deviation = map(float, entry["sure"])
         return Round(
             number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
             drawn.failed, certificate, drawn.log_ratios, batch.shares, again,
@@ -395,7 +395,7 @@ class _Loop:
     def _result(self, number: int, surrogate: Surrogate) -> CalibrationResult:
         last = self.rounds[-1]
         assert last.certificate is not None
-        final = self._final_draws(number, surrogate, last.training)
+        final = self._final_draws(number, surrogate, last.training, last.exponent == 1.0)
         sampler, drawn = self.sampler, replace(final.sampling, certified=last.certificate.certified)
         if sampler is not None and sampler.exact:  # draws of the model's own posterior, whatever the certificate says
             chains = None if self.folder is None else self.folder / f"exact_{number}.h5"
