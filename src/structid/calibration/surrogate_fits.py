@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
@@ -73,7 +74,7 @@ class SurrogateFits:
         if self.last is None:
             forms = forms[:1]
         elif forms[0].weighted:
-            near = nearness(best_densities(self.posterior, self.true, self.last)[0])
+            near = nearness(self._densities[0])
             further["weights"] = np.repeat(near[points], len(self.true.records))
         found: list[Any] = []
         for form in forms:
@@ -82,10 +83,16 @@ class SurrogateFits:
                 further["start"] = found[0]
         if self.last is None or len(found) == 1:
             return found[0], forms[0]
-        density, theta = best_densities(self.posterior, self.true, self.last)
+        density, theta = self._densities
         ran = [~np.isnan(response[points]).all(axis=(1, 2)) for response in self.true.responses()]
         best = best_near_the_posterior(found, self.posterior, theta[points], density[points], ran)
         return found[best], forms[best]
+
+    @cached_property
+    def _densities(self) -> tuple[np.ndarray, np.ndarray]:
+        """At all runs, which say how near they are to the posterior: the same for all fits, also for those without some runs."""
+        assert self.last is not None
+        return best_densities(self.posterior, self.true, self.last)
 
 
 def best_densities(posterior: Posterior, true: TrueRuns, batch: Batch) -> tuple[np.ndarray, np.ndarray]:

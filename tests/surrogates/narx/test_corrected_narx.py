@@ -139,6 +139,7 @@ def test_it_is_read_again(runs, unseen, tmp_path, whole):
     for record in (RECORD, OTHER):
         np.testing.assert_array_equal(again.simulate(unseen, record).values, fitted.simulate(unseen, record).values)
     assert again.content_hash == fitted.content_hash and str(again) == str(fitted)
+    assert replace(SETTINGS, whole=whole).fit(runs).content_hash == fitted.content_hash
     assert again.structure_in_words == fitted.structure_in_words and RECORD.name in again.structure_in_words[-1][1]
 
 

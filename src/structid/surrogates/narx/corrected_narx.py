@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from structid.errors import InputError, Status, names_checked
+from structid.errors import InputError, names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
 from structid.runs import InMemory, Runs
+from structid.surrogates.face import SurrogateSettings
 from structid.surrogates.fit import Fit, OutsideRule, Stopwatch, fitted_range, fitting_runs, run_digests
 from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.narx_with_rest import NARXWithRest
@@ -28,12 +29,8 @@ LARGEST_ENERGY = 0.5
 """Share of the variance of what is left over that its components may leave out at most."""
 
 
-class TrainedNARX(Protocol):
+class TrainedNARX(SurrogateSettings, Protocol):
     """Settings of a NARX that takes any record."""
-
-    @property
-    def limit(self) -> float:
-        """Largest mean relative error with which it may be used in a posterior."""
 
     @property
     def outside(self) -> OutsideRule:
@@ -42,19 +39,6 @@ class TrainedNARX(Protocol):
     @property
     def in_words(self) -> dict[str, Any]:
         """All settings, in a form that JSON can hold."""
-
-    def check(self, design: Design, records: Sequence[Excitation], channels: Sequence[str]) -> None:
-        """Check the settings against runs that are yet to be made; see `SurrogateSettings.check`.
-
-        Parameters
-        ----------
-        design : Design
-            Their points.
-        records : sequence of Excitation
-            What will drive them.
-        channels : sequence of str
-            What they will return.
-        """
 
     def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
         """Fit to runs; see `SurrogateSettings.fit`.
@@ -130,7 +114,7 @@ class CorrectedNARX:
         """All settings, in a form that JSON can hold."""
         return {
             "narx": {"kind": type(self.narx).__name__, **self.narx.in_words},
-            "rest": asdict(self.rest),
+            "rest": self.rest.in_words,
             "whole": self.whole,
         }
 
@@ -202,28 +186,17 @@ class CorrectedNARX:
 
 def _left_over(narx: ParametricNARX, runs: Runs) -> tuple[Runs, float]:
     """What a NARX leaves over of runs through which it comes, and its mean square relative to the runs' own variance."""
-    values, whole = np.full(runs.stored.shape, np.nan), np.zeros((2, len(runs.channels)))
+    values, through = np.full(runs.stored.shape, np.nan), np.zeros(len(runs), dtype=bool)
+    squares, variance = np.zeros((2, len(runs.channels)))
     for number in np.unique(runs.record_of_run):
-        of_record = np.flatnonzero(runs.record_of_run == number)
-        true, record = runs.on(int(number)).values, runs.records[number]
-        found = narx.run(runs.design.values[of_record], record).values
-        left = true[:, : len(record)] - found
-        values[of_record, : len(record)] = left
+        of_record, record = np.flatnonzero(runs.record_of_run == number), runs.records[number]
+        true = runs.on(int(number)).values[:, : len(record)]
+        left = true - narx.run(runs.design.values[of_record], record).values
         kept = np.isfinite(left).all(axis=(1, 2))
-        whole += [f(x[kept, : len(record)]) for f, x in ((_squares, left), (_variance, true))]
-    through = np.array(
-        [np.isfinite(v[: len(runs.records[r])]).all() for v, r in zip(values, runs.record_of_run, strict=True)]
-    )
-    left_over = replace(runs, stored=InMemory(values), status=np.where(through, runs.status, Status.DIVERGED))
-    return left_over[through], float(np.mean(whole[0] / whole[1]))
-
-
-def _squares(values: np.ndarray) -> np.ndarray:
-    return np.asarray((values**2).sum(axis=(0, 1)))
-
-
-def _variance(values: np.ndarray) -> np.ndarray:
-    return np.asarray(((values - values.mean(axis=1, keepdims=True)) ** 2).sum(axis=(0, 1)))
+        values[of_record, : len(record)], through[of_record] = left, kept
+        squares += (left[kept] ** 2).sum(axis=(0, 1))
+        variance += ((true - true.mean(axis=1, keepdims=True))[kept] ** 2).sum(axis=(0, 1))
+    return replace(runs, stored=InMemory(values))[through], float(np.mean(squares / variance))
 
 
 KIND = SurrogateKind(CorrectedNARX, NARXWithRest)

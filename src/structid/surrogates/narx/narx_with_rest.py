@@ -9,6 +9,7 @@ import numpy as np
 
 from structid.device import jnp
 from structid.ground_motion.excitation import Excitation
+from structid.hashing import digest
 from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
 from structid.surrogates.face import Surrogate
@@ -231,6 +232,12 @@ class NARXWithRest(Surrogate):
         values[through] += self.rest.left_out(theta[through], excitation)
         values[~through] = np.nan
         return values
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of everything a response depends on: not of how long its parts took to fit, which a file keeps."""
+        fit = self.fitted
+        return digest(fit.outside, fit.low, fit.high, self.whole, self.narx.content_hash, self.rest.content_hash)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of, for a file.
