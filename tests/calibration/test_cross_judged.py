@@ -24,6 +24,9 @@ class Interpolating:
     def __init__(self, error, runs):
         self.error, self.runs = error, runs
 
+    def compared(self, theta):
+        return theta
+
     def log_density(self, theta):
         distance = np.linalg.norm(theta[:, None] - self.runs[None], axis=2).min(axis=1)
         return log_true(theta) + self.error * np.tanh(50.0 * distance) * np.sin(3.0 * theta).sum(axis=1) + 7.0
@@ -48,7 +51,7 @@ def one_look(error, seed, count=30):
 def verdict(batch, log_drawn, beside=THEMSELVES, shares=None):
     shares = batch.shares if shares is None else shares
     fresh = FreshDraws(
-        batch.fresh, log_true(batch.fresh), log_drawn, shares, batch.population, batch.highest, None, beside
+        batch.fresh, batch.fresh, log_true(batch.fresh), log_drawn, shares, batch.population, batch.highest, None, beside
     )
     return judged(fresh, StoredRuns(), tuple("abcd"), 100, 2)
 
@@ -76,7 +79,7 @@ def test_scales_of_the_surrogates_do_not_matter():
     batch, _, _ = one_look(0.01, 1)
     many = np.random.default_rng(1).standard_normal((4000, DIMENSION))
     drawn = SimpleNamespace(thinned=lambda n: many[:n], log_density=log_true(many), discarded=0)
-    exact = SimpleNamespace(log_density=log_true)
+    exact = SimpleNamespace(log_density=log_true, compared=lambda theta: theta)
 
     def without(places):
         return SimpleNamespace(log_density=lambda theta: log_true(theta) + 10.0 * places[0])

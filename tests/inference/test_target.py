@@ -25,6 +25,21 @@ def test_bare_log_densities_numpy_and_jax_agree():
     assert broken.evaluate(phi)[1].all() and (broken.evaluate(phi)[0] == -np.inf).all()
 
 
+def test_variances_of_errors_are_compared_by_their_logarithms():
+    """The model's own parameters as they are, and a variance of zero in floating point is a number."""
+    record = si.GroundMotion.synthetic(seed=1, duration=2.0)
+    space = si.ParameterSpace(stiffness=si.Uniform(1e6, 9e6))
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.5, alpha=0.06, free=space.names)
+    measured = si.Observation(record, record.acceleration)
+    posterior = si.Posterior(space, model, measured, si.AR1())
+    assert posterior.names[:2] == ("stiffness", "sigma2") and posterior.variances == {"sigma2"}
+    theta = np.array([[[2e6, 4.0, 0.5], [3e6, 0.0, 0.5]]])
+    found = posterior.compared(theta)
+    np.testing.assert_array_equal(found[..., [0, 2]], theta[..., [0, 2]])
+    np.testing.assert_allclose(found[0, :, 1], np.log([4.0, np.finfo(float).tiny]))
+    assert theta[0, 0, 1] == 4.0 and posterior.compared_names == ("stiffness", "log sigma2", *posterior.names[2:])
+
+
 def test_a_density_in_the_coordinates_of_another():
     """The same density of θ, and the same prior, whose Jacobian alone has changed; and none outside its own support."""
     prior = si.ParameterSpace(a=si.Normal(0, 1), b=si.Gamma(mean=2, sd=1))

@@ -126,7 +126,8 @@ def certify(
     inside = np.isfinite(chosen.log_drawn)
     judges = chosen.inside
     fresh = FreshDraws(
-        judges.theta, log_true[inside], judges.log_drawn, judges.shares, law.population, law.highest, truth.impossible[inside]
+        judges.theta, posterior.compared(judges.theta), log_true[inside], judges.log_drawn, judges.shares,
+        posterior.compared(law.population), law.highest, truth.impossible[inside],
     )  # fmt: skip
     others = known
     if posterior.knows_prior and np.isfinite(log_true).any():
@@ -145,7 +146,7 @@ def _judged(
     limits: Limits, doubts: tuple[str, ...], rng: np.random.Generator,
 ) -> Certificate:  # fmt: skip
     """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
-    names, before = law.posterior.names, truth.count
+    names, before = law.posterior.compared_names, truth.count
     near = _within_reach(law, fresh, others, limits)
     found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts)
     if found.certified or doubts or not np.isfinite(fresh.log_true).all():

@@ -56,7 +56,7 @@ def judged_in_turn(last: Batch, drawn: SamplingResult, under: Posterior, without
     for first in range(FOLDS):
         places = np.arange(first, len(last.fresh), FOLDS)
         left = without(places)
-        scale, apart = between(left.log_density(some) - of_all, some)
+        scale, apart = between(left.log_density(some) - of_all, under.compared(some))
         beside.append(apart)
         log_surrogate[places] = left.log_density(last.fresh[places]) - scale
     moved = under.log_density(last.fresh) - last.log_surrogate  # from the old surrogate's posterior to the new one's
@@ -82,7 +82,7 @@ def between(gap: np.ndarray, draws: np.ndarray) -> tuple[float, Beside]:
     gap : ndarray, shape (draw,)
         log p/q at the draws, both up to a constant.
     draws : ndarray, shape (draw, parameter)
-        In SI.
+        As they are compared; see `Target.compared`.
 
     Returns
     -------

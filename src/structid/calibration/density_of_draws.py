@@ -219,6 +219,10 @@ class _Explored(Target):
         return self.law.posterior.knows_prior
 
     @property
+    def variances(self) -> frozenset[str]:
+        return self.law.posterior.variances
+
+    @property
     def content_hash(self) -> str:
         return self.law.posterior.content_hash
 

@@ -172,13 +172,14 @@ class FittedToDraws(DensityOfDraws):
         tuple of str
             A sentence where they differ.
         """
-        sd, many = self.flat.std(axis=0), self.population
-        means = np.abs(many.mean(axis=0) - self.flat.mean(axis=0)) / sd
+        given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
+        sd = given.std(axis=0)
+        means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd
         sds = np.abs(many.std(axis=0) / sd - 1.0)
         worst = int(np.argmax(np.maximum(means, sds)))
         if max(means[worst], sds[worst]) <= MOMENTS:
             return ()
         return (
-            f"the density that was fitted to the draws does not have their moments: the mean of {self.posterior.names[worst]} is "
+            f"the density that was fitted to the draws does not have their moments: the mean of {self.posterior.compared_names[worst]} is "
             f"{means[worst]:.2g} standard deviations off, its standard deviation {sds[worst]:.0%}; give the density itself",
         )

@@ -74,7 +74,7 @@ class LearntLaw:
     @property
     def correction(self) -> Correction:
         """From q to q′."""
-        return Correction.between(self.around.theta, self.around.shares, self.weights)
+        return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
 
     def stored(self, limits: Limits) -> StoredRuns:
         """Compare the runs with q′, where points for runs come, and elsewhere with q.
@@ -116,13 +116,13 @@ class LearntLaw:
         """
         fresh, count = self.fresh, len(self.fresh.theta)
         rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
-        some = rows[:COMPARED]
+        some, compared = rows[:COMPARED], self._compared(self.around.theta)
         log_drawn, beside = np.empty(count), list[Beside]()
         for fold in range(FOLDS):
             places = np.arange(fold, count, FOLDS)
             left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
             gap = self._log_density(left, self.around[some]) - self.log_learnt[some]
-            scale, apart = between(gap, self.around.theta[some])
+            scale, apart = between(gap, compared[some])
             beside.append(apart)
             log_drawn[places] = self._log_density(left, self.judges[places]) - scale
         moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
@@ -130,7 +130,7 @@ class LearntLaw:
             fresh,
             log_drawn=log_drawn,
             shares=fresh.shares * np.exp(moved - moved.max()),
-            population=self.around.theta[rows],
+            population=compared[rows],
             highest=fresh.highest + fresh.middle,
             beside=Beside.average(beside),
         )
@@ -158,6 +158,9 @@ class LearntLaw:
             places.append(int(np.argmax(weights * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
             kriged = kriged.believing(phi[places[-1:]], mean[places[-1:]])
         return np.asarray(theta[places])
+
+    def _compared(self, theta: np.ndarray) -> np.ndarray:
+        return self.law.posterior.compared(theta)
 
     def _log_density(self, kriged: KrigedDensity, points: Chosen) -> np.ndarray:
         """Log q′ with respect to θ: the Kriging where it is sure, and q with longer tails where the runs have taught nothing."""

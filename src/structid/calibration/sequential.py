@@ -41,7 +41,7 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 10
+SCHEMA = 11
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 LAWS_FOLDER = "laws"
@@ -363,8 +363,8 @@ class _Loop:
         fresh = slice(first, first + count)
         log_true = self.posterior.given(self.true.responses(fresh)).log_density(batch.fresh) if count else np.empty(0)
         drawn = FreshDraws(
-            batch.fresh, log_true, batch.log_surrogate, batch.shares, batch.population, batch.highest,
-            self.true.collapsed(fresh), Beside.of(entry),
+            batch.fresh, self.posterior.compared(batch.fresh), log_true, batch.log_surrogate, batch.shares,
+            self.posterior.compared(batch.population), batch.highest, self.true.collapsed(fresh), Beside.of(entry),
         )  # fmt: skip
         certificate = None
         if entry["final"]:
@@ -376,7 +376,7 @@ class _Loop:
                 *self._noise(first, batch, log_true, again),
             )
             spent = len(self.true) + self.twice
-            certificate = judged(drawn, stored, self.posterior.names, spent, look, self.plan.limits, doubts)
+            certificate = judged(drawn, stored, self.posterior.compared_names, spent, look, self.plan.limits, doubts)
         return Round(
             number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
             drawn.failed, certificate, drawn.log_ratios, batch.shares, again,

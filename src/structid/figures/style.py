@@ -256,6 +256,8 @@ def pretty(name: str) -> str:
     }  # fmt: skip
     if name.endswith("_drift"):
         return f"{pretty(name.removesuffix('_drift'))} drift"
+    if name.startswith("log "):
+        return f"log {pretty(name.removeprefix('log '))}"
     if name.startswith("sigma2_"):
         return f"σ² {pretty(name.removeprefix('sigma2_'))}"
     return known.get(name, name.replace("_", " "))

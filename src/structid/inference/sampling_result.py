@@ -178,7 +178,8 @@ class SamplingResult(ShownAsText):
 
     @cached_property
     def _diagnostics(self) -> dict[str, Any]:
-        return {name: parameter_diagnostics(self.kept[..., i]) for i, name in enumerate(self.names)}
+        compared = self.target.compared(self.kept)
+        return {name: parameter_diagnostics(compared[..., i]) for i, name in enumerate(self.names)}
 
     def summary(self) -> Summary:
         """Give moments, quantiles, best point and diagnostics as a table.
@@ -261,7 +262,7 @@ class SamplingResult(ShownAsText):
         if not sampler.starts_elsewhere:
             failures += unrest(self.names, self.kept, self.coordinate_log_density[kept])
         if self.beside is not None:
-            failures += disagreements(self.names, self.kept, self.beside)
+            failures += disagreements(self.target.compared_names, *map(self.target.compared, (self.kept, self.beside)))
         return stuck, failures
 
     @cached_property

@@ -49,6 +49,39 @@ class Target(ABC):
         return [place for place, name in enumerate(self.names) if name not in self.hidden]
 
     @property
+    def variances(self) -> frozenset[str]:
+        """Parameters that are variances of errors."""
+        return frozenset()
+
+    @property
+    def compared_names(self) -> tuple[str, ...]:
+        """Names of what explorers and certificates compare means and standard deviations of; see `compared`."""
+        return tuple(f"log {name}" if name in self.variances else name for name in self.names)
+
+    def compared(self, theta: np.ndarray) -> np.ndarray:
+        """Give what explorers and certificates compare means and standard deviations of.
+
+        These are the parameters, and of the variances of errors the logarithms. A variance is known up to a factor. The posterior of
+        one that is hardly known has a tail like σ⁻⁴: its standard deviation is that of a few draws, however many there are.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (..., parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (..., parameter)
+            The same, or a copy.
+        """
+        places = [place for place, name in enumerate(self.names) if name in self.variances]
+        if not places:
+            return theta
+        values = theta.copy()
+        values[..., places] = np.log(np.maximum(values[..., places], np.finfo(np.float64).tiny))
+        return values
+
+    @property
     def costs_runs(self) -> bool:
         """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
         return False

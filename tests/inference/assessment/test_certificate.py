@@ -1,5 +1,7 @@
 """The certificate: what it lets pass and what it stops, by the power that its two sample sizes have; what it says."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.stats
@@ -23,7 +25,7 @@ def drawn(log_weight, dimension=4, seed=0, plain=PLAIN, tempered=TEMPERED):
     log_drawn = -0.5 * squares
     mixed = plain + tempered * TAU ** (dimension / 2) * np.exp(0.5 * (1.0 - TAU) * squares)
     log_true = log_drawn + log_weight(theta, rng) + 17.0
-    return FreshDraws(theta, log_true, log_drawn, 1.0 / mixed, POPULATION[:, :dimension], -0.1)
+    return FreshDraws(theta, theta, log_true, log_drawn, 1.0 / mixed, POPULATION[:, :dimension], -0.1)
 
 
 def certified(log_weight, dimension=4, replications=200):
@@ -110,7 +112,7 @@ def of_an_exponential_law(log_weight, seed, dimension=4, draws=(PLAIN, TEMPERED)
     mixed = draws[0] + draws[1] * TAU**dimension * np.exp((1.0 - TAU) * theta.sum(axis=1))
     log_drawn = -theta.sum(axis=1)
     many = np.random.default_rng(0).standard_exponential((20_000, dimension))
-    return FreshDraws(theta, log_drawn + log_weight(theta, rng), log_drawn, 1.0 / mixed, many, 0.0)
+    return FreshDraws(theta, theta, log_drawn + log_weight(theta, rng), log_drawn, 1.0 / mixed, many, 0.0)
 
 
 def long_tail(slope):
@@ -163,14 +165,30 @@ def test_stored_runs_that_are_as_they_should_be():
     assert fine.certified and fine.excess == pytest.approx(2.9) and fine.within_reach == 2
 
 
+def test_a_variance_with_a_long_tail_is_compared_by_its_logarithm():
+    """Of a variance v with the density v⁻², as of one that is hardly known, the logarithm is exponential.
+
+    It has no standard deviation itself: whether one of the draws falls far into the tail decides what is said of it.
+    """
+    bounds = []
+    for seed in range(20):
+        fresh = of_an_exponential_law(rough(0.02), seed, dimension=1)
+        itself = replace(fresh, compared=np.exp(fresh.theta), population=np.exp(fresh.population))
+        found = [judged(one, StoredRuns(), ("log sigma2",), 99) for one in (fresh, itself)]
+        assert found[0].certified and "of a variance of errors its logarithm is meant" in found[0].statement
+        bounds.append([one.sd_bound[0] for one in found])
+    of_logarithm, of_itself = np.transpose(bounds)
+    assert of_logarithm.max() < 0.04 and of_itself.max() > 0.5 and of_itself.min() < 0.01
+
+
 def test_a_failed_true_run_is_not_certified():
     fresh = drawn(rough(0.0))
     log_true = np.where(np.arange(30) == 7, -np.inf, fresh.log_true)
     rest = (fresh.log_drawn, fresh.shares, fresh.population, fresh.highest)
-    found = judged(FreshDraws(fresh.theta, log_true, *rest), StoredRuns(), tuple("abcd"), 99)
+    found = judged(FreshDraws(fresh.theta, fresh.theta, log_true, *rest), StoredRuns(), tuple("abcd"), 99)
     assert found.verdict == "not to be trusted" and found.failed == 1 and found.weights[7] == 0.0
     # A structure that fails is an answer: the draw weighs nothing, and the others more.
-    collapsed = FreshDraws(fresh.theta, log_true, *rest, np.arange(30) == 7)
+    collapsed = FreshDraws(fresh.theta, fresh.theta, log_true, *rest, np.arange(30) == 7)
     found = judged(collapsed, StoredRuns(), tuple("abcd"), 99)
     assert found.failed == 0 and found.variation.estimate > 0.1 and not found.certified
 

@@ -46,6 +46,7 @@ def certificate(correction):
     log_true = scipy.stats.norm.logpdf(theta).sum(axis=1)
     fresh = FreshDraws(
         theta,
+        theta,
         log_true + 0.02 * rng.standard_normal(60),
         log_true,
         np.ones(60),

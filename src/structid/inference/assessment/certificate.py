@@ -125,7 +125,7 @@ class Certificate(ShownAsText):
     limits : Limits
         The limits it had to meet.
     names : tuple of str
-        Parameters.
+        Parameters, or their logarithms; see `Target.compared`.
     correction : Correction or None
         What the runs have taught of q, where the weights of the draws alone did not decide.
     subject : str
@@ -207,9 +207,11 @@ class Certificate(ShownAsText):
     def statement(self) -> str:
         """What it says of the figures, in a sentence."""
         mean, sd = float(self.mean_bound.max()), float(self.sd_bound.max())
+        logarithms = any(name.startswith("log ") for name in self.names)
         return (
             f"every mean is within {mean:.2g} standard deviations of the model's, every standard deviation within "
             f"{100.0 * sd:.2g} %, the probability of an event of 5 % within {100.0 * self.of_probability(0.05):.2g} %"
+            f"{'; of a variance of errors its logarithm is meant' if logarithms else ''}"
         )
 
     @property
@@ -297,7 +299,7 @@ def judged(
     stored : StoredRuns
         True runs of all rounds.
     names : tuple of str
-        Parameters.
+        Of what is compared; see `Target.compared_names`.
     true_runs : int
         True runs spent in all.
     look : int

@@ -42,7 +42,7 @@ class Correction:
         Parameters
         ----------
         theta : ndarray, shape (point, parameter)
-            Of any law that is wider than both, in SI.
+            Of any law that is wider than both, as they are compared; see `Target.compared`.
         of_law, of_learnt : ndarray, shape (point,)
             Weights in averages over q and over q′, each up to a factor.
 

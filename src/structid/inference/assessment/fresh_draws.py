@@ -80,6 +80,8 @@ class FreshDraws:
     ----------
     theta : ndarray, shape (draw, parameter)
         In SI; no surrogate was fitted to them.
+    compared : ndarray, shape (draw, parameter)
+        The same as their means and standard deviations are compared; see `Target.compared`.
     log_true : ndarray, shape (draw,)
         Log density of π there up to a constant, −inf where the true run failed.
     log_drawn : ndarray, shape (draw,)
@@ -87,7 +89,7 @@ class FreshDraws:
     shares : ndarray, shape (draw,)
         What each counts in an average over q: one for plain draws, see `weight_variation`.
     population : ndarray, shape (point, parameter)
-        Many draws of q.
+        Many draws of q, as they are compared.
     highest : float
         Largest log density of q among them.
     impossible : ndarray of bool, shape (draw,), optional
@@ -97,6 +99,7 @@ class FreshDraws:
     """
 
     theta: np.ndarray
+    compared: np.ndarray
     log_true: np.ndarray
     log_drawn: np.ndarray
     shares: np.ndarray

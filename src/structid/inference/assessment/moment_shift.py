@@ -23,7 +23,7 @@ def standardised(fresh: FreshDraws) -> np.ndarray:
         Of no unit.
     """
     sd = fresh.population.std(axis=0)
-    return np.asarray((fresh.theta - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
+    return np.asarray((fresh.compared - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
 
 
 def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -48,7 +48,7 @@ class Representation(ShownAsText):
     Parameters
     ----------
     names : tuple of str
-        Parameters.
+        Parameters, or their logarithms; see `Target.compared`.
     modes : ndarray, shape (mode, parameter)
         Local maxima in SI, of the density with respect to unconstrained coordinates.
     shares, shares_again : ndarray, shape (mode,)
@@ -154,9 +154,9 @@ def _compared(
     again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
     phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
     shares = [_labelled(modes, points) for points in (phi, settled)]
-    gaps = _moment_gaps(draws, again)
+    gaps = _moment_gaps(target.compared(draws), target.compared(again))
     return Representation(
-        target.names,
+        target.compared_names,
         target.bijection(np.stack([mode.middle for mode in modes]))[0],
         shares[0].mean(axis=(0, 1, 2)),
         shares[1].mean(axis=(0, 1, 2)),
@@ -167,7 +167,7 @@ def _compared(
         float("nan") if evidence is None else second.log_evidence.value - evidence.value,
         (
             *_apart_in_shares(*shares),
-            *_apart_in_moments(target.names, gaps),
+            *_apart_in_moments(target.compared_names, gaps),
             *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
         ),
     )

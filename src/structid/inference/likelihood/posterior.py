@@ -119,6 +119,11 @@ class Posterior(Target):
         return self.likelihood.hidden_names
 
     @property
+    def variances(self) -> frozenset[str]:
+        """Those of the law of the errors, which all laws name alike."""
+        return frozenset(n for n in self.names[self.model_space.dimension :] if n.startswith("sigma2"))
+
+    @property
     def costs_runs(self) -> bool:
         """Whether each evaluation is a run of an expensive solver, so that none should be wasted."""
         return not self.model.batched
