@@ -32,12 +32,13 @@ def test_variances_of_errors_are_compared_by_their_logarithms():
     model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, gamma_ratio=0.5, alpha=0.06, free=space.names)
     measured = si.Observation(record, record.acceleration)
     posterior = si.Posterior(space, model, measured, si.AR1())
-    assert posterior.names[:2] == ("stiffness", "sigma2") and posterior.variances == {"sigma2"}
-    theta = np.array([[[2e6, 4.0, 0.5], [3e6, 0.0, 0.5]]])
+    assert posterior.names[:2] == ("stiffness", "sigma2") and posterior.variances == {"sigma2", "sigma2_white"}
+    theta = np.array([[[2e6, 4.0, 2.0, 0.5], [3e6, 0.0, 1.0, 0.5]]])
     found = posterior.compared(theta)
-    np.testing.assert_array_equal(found[..., [0, 2]], theta[..., [0, 2]])
-    np.testing.assert_allclose(found[0, :, 1], np.log([4.0, np.finfo(float).tiny]))
-    assert theta[0, 0, 1] == 4.0 and posterior.compared_names == ("stiffness", "log sigma2", *posterior.names[2:])
+    np.testing.assert_array_equal(found[..., [0, 3]], theta[..., [0, 3]])
+    np.testing.assert_allclose(found[0, :, 1:3], np.log([[4.0, 2.0], [np.finfo(float).tiny, 1.0]]))
+    assert theta[0, 0, 1] == 4.0  # a copy
+    assert posterior.compared_names == ("stiffness", "log sigma2", "log sigma2_white", *posterior.names[3:])
 
 
 def test_a_density_in_the_coordinates_of_another():
