@@ -51,7 +51,15 @@ def one_look(error, seed, count=30):
 def verdict(batch, log_drawn, beside=THEMSELVES, shares=None):
     shares = batch.shares if shares is None else shares
     fresh = FreshDraws(
-        batch.fresh, batch.fresh, log_true(batch.fresh), log_drawn, shares, batch.population, batch.highest, None, beside
+        batch.fresh,
+        batch.fresh,
+        log_true(batch.fresh),
+        log_drawn,
+        shares,
+        batch.population,
+        batch.highest,
+        None,
+        beside,
     )
     return judged(fresh, StoredRuns(), tuple("abcd"), 100, 2)
 

@@ -27,6 +27,10 @@ from structid.streams import Purpose, derived_seed, stream
 
 SCOUTS = 100
 """Draws of the prior from which modes are searched for, times the square of the number of parameters."""
+DRAWN = 10
+"""Times as many draws of the prior are made, of which these are chosen."""
+MOST_DRAWN = 100_000
+"""Draws of the prior at most, where scouts alone are not more."""
 NEGLIGIBLE = 1e-3
 """Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
 TOLERANCE = 0.05
@@ -177,12 +181,9 @@ def _modes(
     target: Target, phi: np.ndarray, density: np.ndarray, known: np.ndarray, rng: np.random.Generator
 ) -> list[Mode]:
     """All modes that matter, searched for from the draws, from known points and from the prior."""
-    scouts = [target.bijection.inverse(known)] if len(known) else []
-    if target.knows_prior:
-        scouts.append(target.initial(SCOUTS * target.dimension**2, rng))
-    scouts = [points[np.isfinite(points).all(axis=1)] for points in scouts]
-    everywhere = np.concatenate([*scouts, np.empty((0, target.dimension))])
-    found = all_modes(target, phi, density, everywhere)
+    count = SCOUTS * target.dimension**2 if target.knows_prior else 0
+    many = target.initial(max(count, min(DRAWN * count, MOST_DRAWN)), rng) if count else phi[:0]
+    found = all_modes(target, phi, density, target.bijection.inverse(known), many, count)
     masses = np.array([mode.log_mass for mode in found])
     matters = masses >= logsumexp(masses) + np.log(NEGLIGIBLE)
     return [mode for mode, does in zip(found, matters, strict=True) if does]

@@ -24,6 +24,10 @@ SEARCHES = 8
 """Searches in a round."""
 ROUNDS = 4
 """Rounds of searches at most: a bent posterior has valleys on straight ways, and no other mode."""
+TREND = 20
+"""Points to which a trend of the log density is fitted, for each of its coefficients."""
+IN_A_PART = 10_000
+"""Points at which that trend is worked out at once."""
 LENGTHS = (0.25, 0.5, 1.0, 2.0)
 """Of steps uphill: in lengths at which a parabola would have its maximum."""
 STEP = 1e-5
@@ -79,7 +83,11 @@ def lost_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, s
     list of Mode
         What was found; no mode twice.
     """
-    known = _Known(target, particles, log_density)
+    return _lost(_Known(target, particles, log_density), scouts)
+
+
+def _lost(known: _Known, scouts: np.ndarray) -> list[Mode]:
+    """Modes in which no particle is; see `lost_modes`."""
     density = known.density(scouts)
     scouts, density = known.one_step_uphill(scouts[np.isfinite(density)], density[np.isfinite(density)])
     for centre in known.centres:
@@ -103,13 +111,19 @@ def lost_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, s
     return modes
 
 
-def all_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray) -> list[Mode]:
+def all_modes(
+    target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray, many: np.ndarray, most: int
+) -> list[Mode]:
     """Find the modes in which particles are, and those that they have lost.
 
     Parameters
     ----------
     target, particles, log_density, scouts
         As in `lost_modes`; scouts may be any points.
+    many : ndarray, shape (point, parameter)
+        Draws of the prior, of which some become scouts, too.
+    most : int
+        How many.
 
     Returns
     -------
@@ -122,7 +136,8 @@ def all_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, sc
         mode = _climbed(known, centre)
         if all(known.divided(mode.middle, mode.log_density, other) for other in modes):
             modes.append(mode)
-    return modes + lost_modes(target, particles, log_density, scouts)
+    scouts = scouts[np.isfinite(scouts).all(axis=1)]
+    return modes + _lost(known, np.concatenate([scouts, known.promising(many, most)]))
 
 
 class _Known:
@@ -137,6 +152,19 @@ class _Known:
     def density(self, phi: np.ndarray) -> np.ndarray:
         """Log density at some points."""
         return self.target.evaluate(phi)[0] if len(phi) else np.zeros(0)
+
+    def promising(self, many: np.ndarray, most: int) -> np.ndarray:
+        """Choose points to search from: one half any of them, the other half those where the density is highest above a trend.
+
+        In ten dimensions the basin of a mode a third as wide as another is a part in ten thousand of the prior. The density there
+        may be low, but it is higher than what leads to the other mode lets expect.
+        """
+        density = self.density(many)
+        many, density = many[np.isfinite(density)], density[np.isfinite(density)]
+        if len(many) <= most:
+            return many
+        above = np.argsort(-_above_trend(many, density), kind="stable")
+        return np.asarray(many[np.union1d(np.arange(most // 2), above[: most // 2])])
 
     def one_step_uphill(self, start: np.ndarray, own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Each point after its best step in the direction of the slope, and the log density there."""
@@ -246,6 +274,27 @@ def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
     positive = np.maximum(np.abs(values), 1e-6)
     whole = (vectors * positive) @ vectors.T / np.outer(step, step)
     return np.asarray(whole + np.eye(len(middle)) / WIDEST**2)
+
+
+def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
+    """How far a log density lies above a smooth function that is fitted to it, shape (point,).
+
+    This is a quadratic function of the ranks of the coordinates, which are uniform as the prior's quantiles are, and besides a sum of
+    functions of single coordinates: the ranks to the fourth power, and the coordinates themselves, squared.
+    """
+    ranks = scipy.stats.rankdata(many, axis=0) / len(many) - 0.5
+    standard = (many - many.mean(axis=0)) / np.maximum(many.std(axis=0), np.finfo(np.float64).tiny)
+    rows, columns = np.tril_indices(many.shape[1])
+
+    def terms(part: slice) -> np.ndarray:
+        u, z = ranks[part], standard[part]
+        return np.concatenate([np.ones((len(u), 1)), u, u[:, rows] * u[:, columns], u**3, u**4, z, z**2], axis=1)
+
+    some = slice(TREND * terms(slice(1)).shape[1])
+    coefficients = np.linalg.lstsq(terms(some), density[some])[0]
+    # In parts: of twenty parameters there are 300 terms.
+    trend = [terms(slice(first, first + IN_A_PART)) @ coefficients for first in range(0, len(many), IN_A_PART)]
+    return np.asarray(density - np.concatenate(trend))
 
 
 def _finite(array: np.ndarray) -> np.ndarray:
