@@ -21,7 +21,7 @@ _PUBLIC = {
     "CallableModel": "solvers.callable",
     "Campaign": "campaign.runner",
     "Certificate": "inference.assessment.certificate",
-    "Limits": "inference.assessment.certificate",
+    "Limits": "inference.assessment.limits",
     "CombinedExcitation": "ground_motion.excitation",
     "CorrectedNARX": "surrogates.narx.corrected_narx",
     "DampedCosine": "inference.likelihood.kernels",

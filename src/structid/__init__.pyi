@@ -46,7 +46,7 @@ from structid.hybrid.transfer import Actuator as Actuator
 from structid.hybrid.transfer import Sensor as Sensor
 from structid.hybrid.virtual_test import VirtualHybridTest as VirtualHybridTest
 from structid.inference.assessment.certificate import Certificate as Certificate
-from structid.inference.assessment.certificate import Limits as Limits
+from structid.inference.assessment.limits import Limits as Limits
 from structid.inference.assessment.simulation_based_calibration import sbc as sbc
 from structid.inference.law_choice import choose_law as choose_law
 from structid.inference.likelihood.drifting import Drifting as Drifting

@@ -132,6 +132,41 @@ def test_a_law_that_was_cut_off():
     assert not found.certified and "ends where the posterior is still high" in str(found), str(found)
 
 
+def within(depth, density):
+    """The same density, and none where it is so far below that of the truth."""
+    return lambda x: np.where(np.sum(((x - TRUTH) / SDS) ** 2, axis=1) < 2.0 * depth, density(x), -np.inf)
+
+
+@pytest.mark.parametrize(("depth", "good"), [(4.0, False), (7.0, True), (9.5, True)])
+def test_what_a_density_excludes_all_around_is_in_the_bounds(depth, good):
+    """Of a normal law, exactly P(χ²₃ > 2h) is missing, and its variance is P(χ²₅ < 2h)/P(χ²₃ < 2h) of what it was."""
+    some = draws(count=20_000)
+    some = some[np.isfinite(within(depth, normal())(some))]
+    edge = TRUTH + SDS * np.sqrt(2.0 * depth + 0.1) * np.eye(3)
+    found = si.certify(posterior(), some, within(depth, normal()), known=(edge, normal()(edge)))
+    assert found.certified == good, str(found)
+    assert found.missing == pytest.approx(scipy.stats.chi2.sf(2.0 * depth, 3), rel=0.2)
+    variance = scipy.stats.chi2.cdf(2.0 * depth, 5) / scipy.stats.chi2.cdf(2.0 * depth, 3)
+    assert (found.sd_bound >= 1.0 - np.sqrt(variance)).all()
+    assert not good or "may lie where the given density is zero" in str(found)
+
+
+def test_a_mode_that_a_density_excludes():
+    """It is too low to be missed as the end of the draws, but a valley lies between: it holds a fifth of the probability."""
+    low, wide = TRUTH + 6.0, 5.0 * SDS
+
+    def two(x):
+        return np.logaddexp(normal()(x), normal(low, wide)(x) - 1.4)
+
+    target = si.LogDensity(two, NAMES, si.ParameterSpace(**{n: si.Uniform(*BOX[n]) for n in NAMES}), BOX)
+    found = si.certify(target, draws(), within(30.0, normal()), known=(low[None], two(low[None])))
+    assert not found.certified and "a valley of the posterior divides the draws" in str(found), str(found)
+    # Of a density that is nowhere zero the same run is simply one that it understates.
+    assert "that was drawn: it misses a part" in str(
+        si.certify(target, draws(), normal(), known=(low[None], two(low[None])))
+    )
+
+
 def ridge(x):
     """Rosenbrock's: a ~ N(1, 0.7²), and b = a² to 0.07."""
     return -((1.0 - x[:, 0]) ** 2) - 100.0 * (x[:, 1] - x[:, 0] ** 2) ** 2

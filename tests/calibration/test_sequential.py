@@ -15,7 +15,7 @@ from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import _made_up as made_up_of
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
 from structid.errors import InputError, StoreMismatchError
-from structid.inference.assessment.certificate import Limits
+from structid.inference.assessment.limits import Limits
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
 PLAN = si.Plan(true_runs=200, explorer=EXPLORER)

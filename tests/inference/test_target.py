@@ -7,7 +7,8 @@ import jax
 import numpy as np
 
 import structid as si
-from structid.inference.target import InCoordinates, LogDensity
+from structid.inference.sampling.other_coordinates import InCoordinates
+from structid.inference.target import LogDensity
 
 
 def test_bare_log_densities_numpy_and_jax_agree():

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from structid.inference.assessment.certificate import Limits
+from structid.inference.assessment.limits import Limits
 from structid.journal import write_then_rename
 
 FILE = "limits.json"

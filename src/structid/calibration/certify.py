@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
 from structid.calibration.density_of_draws import DensityOfDraws
 from structid.calibration.drawn_laws import Chosen, DrawnLaw
+from structid.calibration.excluded import with_what_is_excluded
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
 from structid.calibration.foreign_draws import Draws, density_with, draws_of
 from structid.calibration.hidden_modes import searched
@@ -22,8 +22,9 @@ from structid.calibration.learnt_law import LearntLaw
 from structid.calibration.true_runs import Tell
 from structid.calibration.truth import Truth
 from structid.errors import InputError, names_checked
-from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, Limits, judged
+from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.limits import Limits
 from structid.inference.target import Target
 from structid.streams import Purpose, stream
 
@@ -123,6 +124,7 @@ def certify(
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
     log_true = truth.at(chosen.theta)
     doubts = (*doubts, *truth.twice())
+    at_draws = truth.count
     inside = np.isfinite(chosen.log_drawn)
     judges = chosen.inside
     fresh = FreshDraws(
@@ -134,11 +136,11 @@ def certify(
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
         everything = joined((fresh.theta, fresh.log_true), known)
         others = joined(known, searched(law, everything, fresh.middle, count, truth.at, limits, rng))
-    # Where q has no density at all, a run is no draw of it; it may show that something is there.
-    doubts = (*doubts, *_cut_off(log_true, inside, posterior.dimension, limits))
+    fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
+    searching = truth.count - at_draws
     more = len(chosen.theta) // 2 if teaching is None else teaching
-    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, rng)
-    return replace(found, subject=law.subject, searched=len(others[0]) - len(known[0]))
+    found = _judged(law, judges, fresh, others, truth, more, look, limits, (*doubts, *why), rng)
+    return replace(found, subject=law.subject, searched=searching)
 
 
 def _judged(
@@ -182,30 +184,11 @@ def _known(known: Points | None, dimension: int) -> Points:
 
 
 def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
-    """Runs near the best. Further away an approximation may be as wrong as it likes: it is no fit to what is there."""
+    """Runs near the best, where q is not zero: see `with_what_is_excluded`. Further away it may be as wrong as it likes."""
     log_true = np.concatenate([fresh.log_true, others[1]])
     log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
-    near = np.isfinite(log_true) & (log_true >= log_true.max() - limits.reach)
+    near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)
     return StoredRuns(log_true[near], log_drawn[near])
-
-
-def _cut_off(log_true: np.ndarray, inside: np.ndarray, dimension: int, limits: Limits) -> tuple[str, ...]:
-    """Say where q ends although π is still high.
-
-    If a share δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
-    √(δ/(1 − δ)) standard deviations at most. Of a normal law that is cut off h nats below its highest density, δ = P(χ²_d > 2h) is
-    missing.
-    """
-    if inside.all() or not np.isfinite(log_true[inside]).any():
-        return ()
-    depth = float(log_true[inside].max() - log_true[~inside].max())
-    missing = float(scipy.stats.chi2.sf(2.0 * max(depth, 0.0), dimension))
-    if missing <= limits.mean**2 / (1.0 + limits.mean**2):
-        return ()
-    return (
-        f"the given density ends where the posterior is still high: at a point that it excludes, the log density of the model is "
-        f"{depth:.2g} nats below the highest. Of a normal law that ends there {missing:.0%} would be missing",
-    )
 
 
 def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:

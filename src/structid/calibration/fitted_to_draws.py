@@ -180,6 +180,7 @@ class FittedToDraws(DensityOfDraws):
         if max(means[worst], sds[worst]) <= MOMENTS:
             return ()
         return (
-            f"the density that was fitted to the draws does not have their moments: the mean of {self.posterior.compared_names[worst]} is "
-            f"{means[worst]:.2g} standard deviations off, its standard deviation {sds[worst]:.0%}; give the density itself",
+            "the density that was fitted to the draws does not have their moments: the mean of "
+            f"{self.posterior.compared_names[worst]} is {means[worst]:.2g} standard deviations off, its standard deviation "
+            f"{sds[worst]:.0%}; give the density itself",
         )

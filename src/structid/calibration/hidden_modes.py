@@ -14,7 +14,7 @@ import numpy as np
 from structid.calibration.drawn_laws import DrawnLaw
 from structid.calibration.known_points import Points, joined
 from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, standardised_by
-from structid.inference.assessment.certificate import Limits
+from structid.inference.assessment.limits import Limits
 
 SCOUTS = 4000
 """Draws of the prior among which a run is chosen."""

@@ -21,9 +21,9 @@ from structid.calibration.kriged_density import (
     normal_by,
     standardised_by,
 )
-from structid.inference.assessment.certificate import Limits
 from structid.inference.assessment.correction import Correction
 from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
+from structid.inference.assessment.limits import Limits
 
 AROUND = 9000
 """Points at which q and q′ are compared."""
@@ -89,10 +89,11 @@ class LearntLaw:
         StoredRuns
             Each with what is predicted there without it: a run that no other one foretells may stand in a mode of its own.
         """
-        near = self.log_true >= self.log_true.max() - limits.reach
         foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
         covered = self.law.covers(self.theta)
         log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
+        # What is neither covered nor in q's support is judged as excluded.
+        near = (self.log_true >= self.log_true.max() - limits.reach) & np.isfinite(log_drawn)
         return StoredRuns(self.log_true[near], log_drawn[near])
 
     @property

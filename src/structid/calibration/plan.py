@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from structid.errors import InputError, names_checked
-from structid.inference.assessment.certificate import Limits
+from structid.inference.assessment.limits import Limits
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.tempered import SMC
 from structid.probability.designs import Design

@@ -7,8 +7,9 @@ import pytest
 import scipy.stats
 
 from structid.errors import InputError
-from structid.inference.assessment.certificate import Limits, judged
+from structid.inference.assessment.certificate import judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.limits import Limits
 
 pytestmark = pytest.mark.quick
 

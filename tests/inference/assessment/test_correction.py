@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.inference.assessment.certificate import Limits, judged
+from structid.inference.assessment.certificate import judged
 from structid.inference.assessment.correction import Correction
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.inference.assessment.limits import Limits
 
 NAMES = ("a", "b")
 

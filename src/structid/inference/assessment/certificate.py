@@ -13,11 +13,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.inference.assessment.correction import Correction
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
-from structid.inference.assessment.moment_shift import sd_bound, shift, standardised
+from structid.inference.assessment.limits import Limits
+from structid.inference.assessment.moment_shift import missing_bounds, sd_bound, shift, standardised
 from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
 from structid.notebook import ShownAsText
 
@@ -28,60 +29,6 @@ FEWEST_DRAWS = 15
 
 UNSEEN = 3.0
 """Of n draws none falls into a set of probability 3/n with a probability of 5 %."""
-
-
-@names_checked
-@dataclass(frozen=True)
-class Limits:
-    """Limits that a certificate must meet.
-
-    Parameters
-    ----------
-    mean : float
-        How far any mean may be off, in posterior standard deviations.
-    sd : float
-        How far any standard deviation may be off, as a share of it.
-    confidence : float
-        With which both hold, over all looks of a calibration together.
-    above : float
-        How much more density than every draw a stored true run may have [nat].
-    reach : float
-        Stored true runs whose log density is within this distance of the best one are checked [nat].
-    excess : float
-        Largest log π/q of such a run above the median over the draws [nat].
-    understated : float
-        q may understate runs further from the best by this share of their distance. If it is worse there, it could hide a mode
-        that no draw visits.
-    usable : float
-        Largest bound of χ with which re-weighted moments may be used.
-    usable_size : float
-        Smallest effective number of draws with which they may.
-    """
-
-    mean: float = 0.1
-    sd: float = 0.1
-    confidence: float = 0.95
-    above: float = 2.0
-    reach: float = 10.0
-    excess: float = 3.0
-    understated: float = 0.5
-    usable: float = 1.0
-    usable_size: float = 50.0
-
-    def confidence_of(self, look: int) -> float:
-        """Confidence of one of several looks; whoever looks often enough sees what he wants by chance.
-
-        Parameters
-        ----------
-        look : int
-            1 for the first.
-
-        Returns
-        -------
-        float
-            1 − α/2^look, so that the α of all looks sum up to less than one minus the confidence.
-        """
-        return 1.0 - (1.0 - self.confidence) / 2.0**look
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +79,8 @@ class Certificate(ShownAsText):
         What is certified, where it is not the draws.
     searched, taught : int
         True runs that searched for modes the draws have missed, and that were made to learn where the draws' law is wrong.
+    missing : float
+        Share of the posterior that may lie where the draws' law is zero; the bounds reckon with it.
     """
 
     verdict: CertificateVerdict
@@ -157,6 +106,7 @@ class Certificate(ShownAsText):
     subject: str = ""
     searched: int = 0
     taught: int = 0
+    missing: float = 0.0
 
     @property
     def certified(self) -> bool:
@@ -232,6 +182,7 @@ class Certificate(ShownAsText):
             f"  {self._said_of_weights}; they move the mean of {self.names[worst]} most, by {self.shift[worst]:+.2f} ± "
             f"{self.shift_error[worst]:.2f} standard deviations",
             *([self._said_of_stored_runs] if self.within_reach else []),
+            *([self._said_of_what_is_excluded] if self.missing else []),
             f"  not known: {self.unknown}",
             *(f"  - {reason}" for reason in self.reasons),
         ]
@@ -265,6 +216,13 @@ class Certificate(ShownAsText):
         return (
             f"  {self.within_reach} stored true runs lie within {self.limits.reach:g} nats of the best; what was drawn misses at "
             f"most {max(self.excess, 0.0):.2f} nats there (at most {self.limits.excess:g})"
+        )
+
+    @property
+    def _said_of_what_is_excluded(self) -> str:
+        return (
+            f"  {self.missing:.2%} of the posterior may lie where the given density is zero, as of a normal law that ends there; "
+            "the bounds reckon with it"
         )
 
     def to_plain(self) -> dict[str, Any]:
@@ -325,9 +283,10 @@ def judged(
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
-    mean_off = variation.bound + np.broadcast_to(fresh.beside.mean, len(names))
-    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) - 1.0
-    variation = replace(variation, bound=variation.bound + fresh.beside.variation)
+    lost, lost_of_sd = missing_bounds(fresh)
+    mean_off = variation.bound + lost + np.broadcast_to(fresh.beside.mean, len(names))
+    sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) * (1.0 + lost_of_sd) - 1.0
+    variation = replace(variation, bound=variation.bound + lost + fresh.beside.variation)
     moved, error = shift(fresh, standardised(fresh))
     if correction is not None:
         mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)
@@ -350,7 +309,7 @@ def judged(
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
         verdict, reasons, doubts, variation, mean_off, sd_off, moved, error, fresh.theta, fresh.weights, fresh.log_ratios, look,
-        above, excess, within, failed, true_runs, limits, names, correction,
+        above, excess, within, failed, true_runs, limits, names, correction, missing=fresh.missing,
     )  # fmt: skip
 
 

@@ -96,6 +96,8 @@ class FreshDraws:
         Draws at which −inf is the model's answer, such as a structure that failed, and no failed run. They weigh nothing.
     beside : Beside
         How far the laws that `log_drawn` belongs to are from q.
+    missing : float
+        Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there.
     """
 
     theta: np.ndarray
@@ -107,6 +109,7 @@ class FreshDraws:
     highest: float
     impossible: np.ndarray | None = None
     beside: Beside = THEMSELVES
+    missing: float = 0.0
 
     @property
     def log_ratios(self) -> np.ndarray:

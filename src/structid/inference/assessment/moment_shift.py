@@ -76,6 +76,26 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
     return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - off, 0.0)))
 
 
+def missing_bounds(fresh: FreshDraws) -> tuple[float, np.ndarray]:
+    """How far means and standard deviations may be off because q is zero where a share δ of π lies.
+
+    If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+
+    Returns
+    -------
+    tuple of float and ndarray (parameter,)
+        χ, which bounds the means, and a share of each standard deviation.
+    """
+    variation = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
+    of_variance = variation * np.sqrt(np.maximum(_kurtosis(fresh.population), 1.0) - 1.0) + variation**2
+    return variation, np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
+
+
 def _kurtosis(draws: np.ndarray) -> np.ndarray:
     """E (x − μ)⁴ / σ⁴ of every marginal."""
     away = draws - draws.mean(axis=0)

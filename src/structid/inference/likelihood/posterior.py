@@ -173,10 +173,8 @@ class Posterior(Target):
         Posterior
             With these instead of this one's.
         """
-        changed: dict[str, Any] = {} if law is None else {"discrepancy": law}
-        if model is not None:
-            changed |= {"model": model, "refuse_unfit": refuse_unfit}
-        return self._like(**changed)
+        of_law = {} if law is None else {"discrepancy": law}
+        return self._like(**of_law, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
 
     @property
     def units(self) -> dict[str, str]:
@@ -440,14 +438,11 @@ class Posterior(Target):
             Log densities.
         """
         theta = self.likelihood.points(theta)
-        observation = self.observations[index]
+        observation, unknown = self.observations[index], self.unknowns(theta, index)
         prediction = self.predict(theta, index) if prediction is None else prediction
         residual = observation.in_sds((observation.values - prediction).transpose(1, 2, 0))
-        unknown, dt = self.unknowns(theta, index), observation.record.dt
-        pointwise = self.discrepancy.pointwise(residual, unknown, observation.channels, dt)
-        return np.asarray(np.asarray(pointwise).transpose(2, 0, 1) - observation.log_sds)
-
-    # --- deterministic misfit -----------------------------------------------------------------------------------
+        found = self.discrepancy.pointwise(residual, unknown, observation.channels, observation.record.dt)
+        return np.asarray(np.asarray(found).transpose(2, 0, 1) - observation.log_sds)
 
     @cached_property
     def misfit(self) -> Any:

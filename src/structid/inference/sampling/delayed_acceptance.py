@@ -15,9 +15,10 @@ import numpy as np
 from structid.errors import ConvergenceError, InputError, names_checked
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
+from structid.inference.sampling.other_coordinates import InCoordinates
 from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.starting import tempered_draws
-from structid.inference.target import InCoordinates, Target
+from structid.inference.target import Target
 from structid.models.face import Model, Progress
 from structid.streams import Purpose, stream
 
@@ -250,8 +251,8 @@ class DelayedAcceptance(Sampler):
                 "nothing" if approximation is None else f"a {type(approximation).__name__}",
                 f"a surrogate of the posterior's model, or a density of {', '.join(target.names)}",
             )
-        same_coordinates = approximation.bijection == target.bijection
-        return approximation if same_coordinates else InCoordinates(approximation, target.bijection)
+        same = approximation.bijection == target.bijection
+        return approximation if same else InCoordinates(approximation, target.bijection)
 
     def _start(
         self, target: Target, proposing: Target, seed: int, points: np.ndarray | None
@@ -441,8 +442,7 @@ def _block(
 def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
     density = np.full(moved.shape, -np.inf)
-    # An external solver is spared the runs of sub-chains that went nowhere. Batches of a built-in one keep one size, since each
-    # size is compiled.
+    # An external solver is spared runs of sub-chains that went nowhere. Batches of a built-in one keep the size they are compiled for.
     rows = moved if target.costs_runs else np.ones_like(moved)
     if not rows.any():
         return density, 0, 0

@@ -279,8 +279,8 @@ def _curvature(known: _Known, middle: np.ndarray) -> np.ndarray:
 def _above_trend(many: np.ndarray, density: np.ndarray) -> np.ndarray:
     """How far a log density lies above a smooth function that is fitted to it, shape (point,).
 
-    This is a quadratic function of the ranks of the coordinates, which are uniform as the prior's quantiles are, and besides a sum of
-    functions of single coordinates: the ranks to the fourth power, and the coordinates themselves, squared.
+    This is a quadratic function of the coordinates' ranks, which are uniform as the prior's quantiles are. To it functions of
+    single coordinates are added: third and fourth powers of the ranks, and the coordinates themselves with their squares.
     """
     ranks = scipy.stats.rankdata(many, axis=0) / len(many) - 0.5
     standard = (many - many.mean(axis=0)) / np.maximum(many.std(axis=0), np.finfo(np.float64).tiny)
