@@ -442,7 +442,7 @@ def _block(
 def _true_density(target: Target, proposal: np.ndarray, moved: np.ndarray) -> tuple[np.ndarray, int, int]:
     """Log density under the model itself where a sub-chain has moved; how many runs that took, and how many failed."""
     density = np.full(moved.shape, -np.inf)
-    # An external solver is spared runs of sub-chains that went nowhere. Batches of a built-in one keep the size they are compiled for.
+    # An external solver is spared runs of sub-chains that went nowhere. A built-in one keeps the batches that it is compiled for.
     rows = moved if target.costs_runs else np.ones_like(moved)
     if not rows.any():
         return density, 0, 0
