@@ -24,10 +24,11 @@ USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.
 
 MORE_CAREFUL = (
     USUAL_SAMPLER,
-    replace(USUAL_SAMPLER, particles=1000, correlation=0.2, steps=150),
+    replace(USUAL_SAMPLER, particles=1000, effective_share=0.7, correlation=0.1, most_moves=100, steps=150),
     replace(USUAL_SAMPLER, particles=2000, effective_share=0.7, correlation=0.1, most_moves=200, steps=100),
 )
-"""What it is followed by while draws have not converged: along a narrow ridge particles move slowly."""
+"""What it is followed by while draws have not converged: along a narrow ridge particles move slowly. If they move too little in a
+stage, they come to rest in the end, but evidence is lost on the way, and the second explorer disagrees."""
 
 ASKED = 64
 """Draws at which the surrogate is asked how sure it is."""
@@ -63,7 +64,7 @@ class FinalDraws:
         """Why they do not, one sentence each; empty where they do."""
         unsure = ["the surrogate does not know its own density at these draws: it may have made a mode up"]
         return (
-            *self.sampling.verdict().failures,
+            *self.sampling.failures,
             *self.representation.failures,
             *(unsure if len(self.made_up) else []),
         )
@@ -113,7 +114,7 @@ def final_draws(
             drawn = sample(under, one, seed, where / f"{name}.h5", progress=told)
             made_up = _made_up(under, surrogate, drawn) if sure else drawn.flat[:0]
             last = place == len(tried) or len(made_up) > 0
-            if drawn.verdict().failures and not last:
+            if drawn.failures and not last:
                 continue
             errors = np.median(drawn.flat[:, under.model_space.dimension :], axis=0)
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)

@@ -284,6 +284,11 @@ class SamplingResult(ShownAsText):
             needed_length=self.sampler.needed_length,
         )
 
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What speaks against convergence, one sentence each; sooner known than the whole verdict."""
+        return tuple(self._convergence[1])
+
     def verdict(self) -> Verdict:
         """Say whether the run has converged, and what else the reader must know.
 

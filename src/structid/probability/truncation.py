@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError
+from structid.probability.quadrature import probability_nodes
 from structid.units import factor
 
 SMALLEST_MASS = 1e-6
@@ -176,11 +177,8 @@ class Marginal:
         """Mean and standard deviation in SI, after truncation."""
         if np.isinf(self.low) and np.isinf(self.high):
             return float(self.base.mean()) * self._factor, float(self.base.std()) * self._factor
-        nodes, weights = scipy.special.roots_legendre(400)
-        # The sine puts more nodes near both ends, where a quantile function is steep.
-        angle = 0.25 * np.pi * (nodes + 1.0)
-        x = self.quantile(np.sin(angle) ** 2)
-        weight = 0.25 * np.pi * weights * np.sin(2 * angle)
+        p, weight = probability_nodes(400)
+        x = self.quantile(p)
         mean = float(np.sum(weight * x))
         return mean, float(np.sqrt(np.sum(weight * (x - mean) ** 2)))
 

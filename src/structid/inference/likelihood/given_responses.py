@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import jax
 import numpy as np
 
+from structid.inference.likelihood.bound import BoundLikelihood
 from structid.inference.likelihood.joint import JointLikelihood
 
 
@@ -24,21 +25,11 @@ class GivenResponses:
     def __init__(self, likelihood: JointLikelihood, responses: Sequence[np.ndarray]) -> None:
         self._likelihood = likelihood
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
-        self._responses = [np.where(self._finite[:, None, None], r, 0.0).transpose(1, 2, 0) for r in responses]
-        self._squares = [self._sum_of_squares(i) for i in range(len(responses))]
-        self._given = [
-            jax.jit(bound.given) for bound in likelihood.of
-        ]  # compiled once for all the calls with these responses
-
-    def _sum_of_squares(self, index: int) -> np.ndarray | None:
-        """Σ (y − M)² (channel, run), where the likelihood needs no more."""
-        bound = self._likelihood.of[index]
-        if not bound.needs_only_squares:
-            return None
-        observation = bound.observation
-        channels = [bound.model.channels.index(c) for c in observation.channels]
-        residual = observation.in_sds(observation.values[:, :, None] - self._responses[index][:, channels])
-        return np.asarray(np.einsum("tcr,tcr->cr", residual, residual))
+        runs = [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
+        self._squares = [_sum_of_squares(bound, own) for bound, own in zip(likelihood.of, runs, strict=True)]
+        self._responses = [own.transpose(1, 2, 0) for own in runs]
+        # Compiled once for all the calls with these responses.
+        self._given = [jax.jit(bound.given) for bound in likelihood.of]
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log posterior density.
@@ -64,3 +55,17 @@ class GivenResponses:
                 found = given(response, theta, bound.compared(bound.observation.values[:, :, None]))
             total = total + np.asarray(found)
         return np.where(self._finite & ~np.isnan(total), total, -np.inf)
+
+
+def _sum_of_squares(bound: BoundLikelihood, runs: np.ndarray) -> np.ndarray | None:
+    """Σ (y − M)² (channel, run) of responses (run, time, channel), where the likelihood needs no more."""
+    if not bound.needs_only_squares:
+        return None
+    observation, squares = bound.observation, []
+    # Channel by channel: contiguous samples are summed several times as fast as columns.
+    for place, channel in enumerate(observation.channels):
+        residual = observation.values[:, place] - runs[:, :, bound.model.channels.index(channel)]
+        if observation.sd is not None:
+            residual = residual / np.asarray(observation.sd)[:, place]
+        squares.append(np.einsum("rt,rt->r", residual, residual))
+    return np.stack(squares)

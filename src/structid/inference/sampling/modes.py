@@ -96,15 +96,22 @@ def _lost(known: _Known, scouts: np.ndarray) -> list[Mode]:
     modes: list[Mode] = []
     for _ in range(ROUNDS):
         densest = np.argsort(-density, kind="stable")[:SEARCHES]
-        for place in densest:
-            if all(known.divided(scouts[place], density[place], mode) for mode in modes):
-                mode = _climbed(known, scouts[place])
-                if known.is_new(mode) and all(known.divided(mode.middle, mode.log_density, other) for other in modes):
-                    modes.append(mode)
         rest = np.setdiff1d(np.arange(len(scouts)), densest)
+        led_back: list[np.ndarray] = []
+        for place in densest:
+            if not all(known.divided(scouts[place], density[place], mode) for mode in modes):
+                continue
+            if not all(known.before_falls(scouts[[place]], density[[place]], other)[0][0] for other in led_back):
+                continue
+            mode = _climbed(known, scouts[place])
+            if known.is_new(mode) and all(known.divided(mode.middle, mode.log_density, other) for other in modes):
+                modes.append(mode)
+            else:
+                led_back.append(scouts[place])
         scouts, density = scouts[rest], density[rest]
-        for mode in modes:
-            falls, *_ = known.before_falls(scouts, density, mode.middle)
+        # From where the density never falls on the way to one of these, the way uphill ends where theirs does.
+        for place in (*(mode.middle for mode in modes), *led_back):
+            falls, *_ = known.before_falls(scouts, density, place)
             scouts, density = scouts[falls], density[falls]
         if not len(scouts):
             break

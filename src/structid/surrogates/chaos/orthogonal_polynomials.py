@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy
 
 from structid.array_module import namespace
+from structid.probability.quadrature import probability_nodes
 from structid.probability.truncation import Marginal
 from structid.units import factor
 
@@ -149,11 +149,8 @@ class OrthonormalFamily:
     @classmethod
     def _numerical(cls, marginal: Marginal, degree: int, logarithmic: bool) -> OrthonormalFamily:
         """Recurrence of the discrete distribution on the quadrature nodes of a marginal."""
-        nodes, weights = scipy.special.roots_legendre(QUADRATURE_NODES)
-        # p = sin²(φ) places more nodes in both tails, where the quantile function is steep.
-        angle = 0.25 * np.pi * (nodes + 1.0)
-        x = marginal.quantile(np.sin(angle) ** 2)
-        weight = 0.25 * np.pi * weights * np.sin(2 * angle)
+        p, weight = probability_nodes(QUADRATURE_NODES)
+        x = marginal.quantile(p)
         x = np.log(x) if logarithmic else x
         shift = float(weight @ x)
         scale = float(np.sqrt(weight @ (x - shift) ** 2))
