@@ -130,6 +130,7 @@ def test_a_law_that_was_cut_off():
 
     found = si.certify(posterior(), some, cut)
     assert not found.certified and "ends where the posterior is still high" in str(found), str(found)
+    assert not found.only_the_draws  # the model has been asked, and contradicts
 
 
 def within(depth, density):

@@ -1,12 +1,16 @@
 """structid certify: draws of another program against a study's model."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import structid as si
 from commands import structid
+from structid.inference.assessment.correction import Correction
+from structid.report.certificate_material import CertificateMaterial
+from structid.report.page import write_certificate_report
 from structid.study.run import load
 from studies import PLAIN, shortened
 
@@ -39,7 +43,7 @@ def test_good_draws_with_their_density(drawn):
     page = (folder / "good" / "report.html").read_text()
     assert "Certified." in page and "Draws of draws.nc" in page and "Where model and draws differ" in page
     figures = json.loads((folder / "good" / "certificate.json").read_text())
-    assert figures["verdict"] == "certified" and figures["names"] == list(result.names)
+    assert figures["verdict"] == "certified" and figures["names"] == list(result.target.compared_names)
     again = structid("certify", "study.toml", "draws.nc", "--out", "good", cwd=folder)
     assert again.returncode == 0
 
@@ -49,7 +53,8 @@ def test_wrong_draws_in_a_table(drawn):
     csv(folder / "wrong.csv", result, shift=0.3)
     called = structid("certify", "study.toml", "wrong.csv", "--out", "wrong", cwd=folder)
     assert called.returncode == 3 and "of a density that was fitted to the draws" in called.stdout, called.stderr
-    assert "do not use these draws" in (folder / "wrong" / "report.html").read_text()
+    page = (folder / "wrong" / "report.html").read_text()
+    assert "do not use these draws" in page and "posterior do not agree" in page and "every mean within" not in page
 
 
 def test_draws_of_another_study(drawn):
@@ -59,3 +64,16 @@ def test_draws_of_another_study(drawn):
     (folder / "other.csv").write_text(text)
     called = structid("certify", "study.toml", "other.csv", "--out", "other", cwd=folder)
     assert called.returncode == 2 and f"There are none of {result.names[0]}" in called.stderr
+
+
+def test_what_the_runs_have_taught_is_on_the_page(tmp_path):
+    space = si.ParameterSpace(a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
+    target = si.LogDensity(space.log_density, ("a", "b"), space)
+    found = si.certify(target, np.random.default_rng(1).standard_normal((2000, 2)), space.log_density)
+    correction = Correction(0.034, np.array([0.05, -0.02]), np.array([0.004, 0.001]), np.array([1.03, 0.99]))
+    pages = []
+    for place, one in enumerate((found, replace(found, correction=correction, missing=0.0071))):
+        material = CertificateMaterial("Draws", "", "draws.nc", one, ("a", "b"), ("m", ""), np.array([1.0, 1.0]))
+        pages.append(write_certificate_report(material, tmp_path / str(place), {}).read_text())
+    told = ("they differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%")
+    assert all(said in pages[1] and said not in pages[0] for said in told)

@@ -52,7 +52,7 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
         law != "iid"
         and calibration.posterior.law.describe()["kind"] == law == outcome.result.target.law.describe()["kind"]
     )
-    assert calibration.certificate.names == calibration.posterior.names
+    assert calibration.certificate.names == calibration.posterior.compared_names
     again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
     assert again.law_choice.evidences[0].value == choice.evidences[0].value

@@ -123,7 +123,7 @@ def certify(
     chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
     log_true = truth.at(chosen.theta)
-    doubts = (*doubts, *truth.twice())
+    noise = truth.twice()
     at_draws = truth.count
     inside = np.isfinite(chosen.log_drawn)
     judges = chosen.inside
@@ -139,26 +139,26 @@ def certify(
     fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
     searching = truth.count - at_draws
     more = len(chosen.theta) // 2 if teaching is None else teaching
-    found = _judged(law, judges, fresh, others, truth, more, look, limits, (*doubts, *why), rng)
+    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*noise, *why), rng)
     return replace(found, subject=law.subject, searched=searching)
 
 
 def _judged(
     law: DrawnLaw, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
-    limits: Limits, doubts: tuple[str, ...], rng: np.random.Generator,
+    limits: Limits, doubts: tuple[str, ...], against: tuple[str, ...], rng: np.random.Generator,
 ) -> Certificate:  # fmt: skip
     """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
     names, before = law.posterior.compared_names, truth.count
     near = _within_reach(law, fresh, others, limits)
-    found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts)
-    if found.certified or doubts or not np.isfinite(fresh.log_true).all():
+    found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
+    if found.certified or doubts or against or not np.isfinite(fresh.log_true).all():
         return found
     # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
     looks = itertools.count(2 * look + 1)
     for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
         learnt = LearntLaw(law, judges, fresh, others, rng)
         near, correction = learnt.stored(limits), learnt.correction
-        again = judged(learnt.judging(), near, names, before, next(looks), limits, learnt.doubts, correction)
+        again = judged(learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction)
         if again.certified or again.mean_bound.max() < found.mean_bound.max():
             found = again
         if again.certified or count == 0 or correction.beyond(limits.mean, limits.sd):

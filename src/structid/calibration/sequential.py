@@ -371,12 +371,12 @@ class _Loop:
             look = 1 + self.looked + sum(r.certificate is not None for r in self.rounds)
             density, theta = best_densities(self.posterior, self.true, batch)
             stored = StoredRuns(density, self.posterior.on(surrogate).log_density(theta))
-            doubts = (
-                *self._final_draws(number, surrogate, training, exponent == 1.0).failures,
-                *self._noise(first, batch, log_true, again),
-            )
+            doubts = self._final_draws(number, surrogate, training, exponent == 1.0).failures
+            noise = self._noise(first, batch, log_true, again)
             spent = len(self.true) + self.twice
-            certificate = judged(drawn, stored, self.posterior.compared_names, spent, look, self.plan.limits, doubts)
+            certificate = judged(
+                drawn, stored, self.posterior.compared_names, spent, look, self.plan.limits, doubts, noise
+            )
         return Round(
             number, training, surrogate.fitted.error, len(batch.fresh), len(batch.others), exponent, deviation, drawn.spread,
             drawn.failed, certificate, drawn.log_ratios, batch.shares, again,

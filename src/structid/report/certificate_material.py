@@ -21,6 +21,8 @@ class CertificateMaterial:
         Where the draws came from.
     certificate : Certificate
         The verdict and its figures.
+    names : tuple of str
+        Parameters.
     units : tuple of str
         Display unit of every parameter.
     factors : ndarray, shape (parameter,)
@@ -31,5 +33,6 @@ class CertificateMaterial:
     settings: str
     source: str
     certificate: Certificate
+    names: tuple[str, ...]
     units: tuple[str, ...]
     factors: np.ndarray

@@ -90,7 +90,7 @@ def sentence(material: PosteriorMaterial) -> str:
         The sentence.
     """
     posterior, surrogate = material.posterior, material.surrogate
-    through = "" if surrogate is None else f", through a {surrogate.fitted.kind} surrogate,"
+    through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
     records = ", ".join(o.record.name for o in posterior.observations)
     channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
     return (

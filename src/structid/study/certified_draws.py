@@ -83,6 +83,7 @@ def certify_draws(
         study_text(Path(path)),
         Path(draws).name,
         found,
+        posterior.names,
         tuple(posterior.units.values()),
         posterior.factors,
     )

@@ -92,6 +92,8 @@ class Surrogate(TraceableModel, StandIn):
     ----------
     validation : Validation or None
         What the last call of `validate` found.
+    trusted : bool
+        Whether `trust` was called.
     """
 
     substeps = 1
@@ -102,7 +104,7 @@ class Surrogate(TraceableModel, StandIn):
         self.free = fit.space.names
         self.channels = fit.channels
         self.validation: Validation | None = None
-        self._trusted = False
+        self.trusted = False
 
     # --- what a kind of surrogate implements --------------------------------------------------------------------
 
@@ -139,6 +141,11 @@ class Surrogate(TraceableModel, StandIn):
         ndarray, shape (run, time, channel)
             In SI.
         """
+
+    @property
+    def kind_in_words(self) -> str:
+        """What it is, in a few words that follow "a"."""
+        return f"{self.fitted.kind} surrogate"
 
     @property
     def structure_in_words(self) -> list[tuple[str, str]]:
@@ -350,18 +357,16 @@ class Surrogate(TraceableModel, StandIn):
         if isinstance(runs, Runs) and self.fitted.seen:
             again = len(set(self.fitted.seen) & set(run_digests(runs)))
             if again:
+                came, allowed = f"{again} of the runs it was fitted to", "runs it has not seen"
                 raise InputError(
-                    f"{self.fitted.kind}.validate",
-                    f"{again} of the runs it was fitted to",
-                    "runs it has not seen",
-                    "Draw others: space.sample(500, seed=2).",
+                    f"{self.fitted.kind}.validate", came, allowed, "Draw others: space.sample(500, seed=2)."
                 )
         self.validation = validate(self, runs, progress)
         return self.validation
 
     def trust(self) -> None:
         """Allow the surrogate in a posterior whatever its error: the caller takes responsibility."""
-        self._trusted = True
+        self.trusted = True
 
     def check_fitness(self) -> None:
         """Refuse to be used in a posterior if the error exceeds the limit.
@@ -371,7 +376,7 @@ class Surrogate(TraceableModel, StandIn):
         InputError
             If the validated error, or the one estimated while fitting, exceeds `Fit.limit`, and `trust` has not been called.
         """
-        if self._trusted or self.error <= self.fitted.limit:
+        if self.trusted or self.error <= self.fitted.limit:
             return
         source = "estimated while fitting" if self.validation is None else "on the validation runs"
         raise InputError(

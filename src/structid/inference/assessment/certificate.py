@@ -246,6 +246,7 @@ def judged(
     look: int = 1,
     limits: Limits | None = None,
     doubts: tuple[str, ...] = (),
+    against: tuple[str, ...] = (),
     correction: Correction | None = None,
 ) -> Certificate:
     """Judge a posterior by true runs at fresh draws of it.
@@ -266,6 +267,8 @@ def judged(
         The limits to meet.
     doubts : tuple of str
         What is known against the draws before the model is run: they have not converged, or another explorer finds other ones.
+    against : tuple of str
+        What true runs say against them besides what is judged here.
     correction : Correction, optional
         From the law that is judged to the one that the densities of `fresh` belong to.
 
@@ -295,7 +298,7 @@ def judged(
     excess, within = _excess(stored, middle, limits.reach)
     above = _above(stored, fresh.highest + middle)
     hidden = _understated(stored, middle, limits)
-    missing = (*doubts, *_what_is_missing(above, excess, hidden, limits))
+    missing = (*doubts, *against, *_what_is_missing(above, excess, hidden, limits))
     failed = fresh.failed
     if failed:
         missing = (

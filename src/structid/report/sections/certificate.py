@@ -101,10 +101,18 @@ def _asked(certificate: Certificate) -> list[list[str]]:
         f"{variation.estimate:.2g}, at most {variation.bound:.2g}",
         f"{limits.mean:.2g} or less",
     ]
+    excluded = [
+        [
+            "share of the posterior that may lie where the given density is zero",
+            f"{certificate.missing:.2%}",
+            "in the bounds",
+        ]
+    ]
+    rows = [of_weights, *(excluded if certificate.missing else [])]
     if not certificate.within_reach:
-        return [of_weights]
+        return rows
     return [
-        of_weights,
+        *rows,
         [
             f"density missed at {certificate.within_reach} true runs within {limits.reach:g} nats of the best",
             f"{max(certificate.excess, 0.0):.2f} nats",

@@ -41,7 +41,7 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
     """What a surrogate is and what it was fitted to."""
     fit = surrogate.fitted
     rows = [
-        ["kind", fit.kind],
+        ["kind", surrogate.kind_in_words],
         ["fitted to", f"{fit.runs} runs, {fit.left_out} others left out, in {fit.seconds:.1f} s"],
         ["mean error estimated while fitting", f"{fit.error:.2g}"],
     ]
@@ -52,7 +52,8 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
             ["mean error on the validation runs", f"{validation.mean:.2g}"],
             ["validation runs outside its range", f"{validation.outside} of {len(validation.errors)}"],
         ]
-    rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({judged})"])
+    if not surrogate.trusted:
+        rows.append(["may be sampled up to a mean error of", f"{fit.limit:g} ({judged})"])
     rows += [[name, value] for name, value in surrogate.structure_in_words]
     shown = {k: v for k, v in fit.settings.items() if k not in ("limit", "outside") and v not in (None, [])}
     rows += [[pretty(k), _in_words(v)] for k, v in shown.items()]
@@ -61,9 +62,10 @@ def _what_it_is(surrogate: Surrogate) -> Rows:
 
 def _tables(material: RunsMaterial) -> list[Table]:
     surrogate = material.surrogate
-    if surrogate is None or surrogate.validation is None:
+    if surrogate is None:
         return []
-    return [Table("Validation", _validation(surrogate)), Table("What it is", _what_it_is(surrogate), of_words=True)]
+    validation = [] if surrogate.validation is None else [Table("Validation", _validation(surrogate))]
+    return [*validation, Table("What it is", _what_it_is(surrogate), of_words=True)]
 
 
 def _drawings(material: RunsMaterial) -> list[Drawing]:

@@ -6,13 +6,31 @@ from pathlib import Path
 
 from structid.figures import calibration as figures
 from structid.figures.style import pretty, pretty_unit
+from structid.inference.assessment.certificate import Certificate
 from structid.report.certificate_material import CertificateMaterial
 from structid.report.section import Drawing, Picture, Section, Table
 from structid.report.sections.certificate import what_was_asked, what_was_bounded
 
 
 def _tables(material: CertificateMaterial) -> list[Table]:
-    return [what_was_asked(material.certificate), what_was_bounded(material.certificate)]
+    certificate = material.certificate
+    return [what_was_asked(certificate), what_was_bounded(certificate), *_what_was_taught(certificate)]
+
+
+def _what_was_taught(certificate: Certificate) -> list[Table]:
+    """How far the law of the draws is from the one that the runs have taught."""
+    taught = certificate.correction
+    if taught is None:
+        return []
+    rows = [
+        [pretty(name), f"{mean:+.3f} ± {error:.3f}", f"{100.0 * (sd - 1.0):+.1f} %"]
+        for name, mean, error, sd in zip(certificate.names, taught.mean, taught.mean_error, taught.sd, strict=True)
+    ]
+    title = (
+        "The law that the runs have taught, beside that of the draws: they differ in "
+        f"{100.0 * taught.distance:.1f} % of the probability. The bounds above reckon with it"
+    )
+    return [Table(title, (["", "its mean lies at [sd]", "its sd is larger by"], rows))]
 
 
 def _drawings(material: CertificateMaterial) -> list[Drawing]:
@@ -21,7 +39,7 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
     def ratios(folder: Path) -> Picture:
         names = [
             pretty(name) + (f" [{pretty_unit(unit)}]" if unit else "")
-            for name, unit in zip(certificate.names, material.units, strict=True)
+            for name, unit in zip(material.names, material.units, strict=True)
         ]
         figures.ratios_over_parameters(
             certificate.draws / material.factors,

@@ -42,6 +42,11 @@ class NARXWithRest(Surrogate):
         self.narx, self.rest, self.whole = narx, rest, whole
 
     @property
+    def kind_in_words(self) -> str:
+        """The kind that the user named, and that more is known on some records."""
+        return f"{self.narx.fitted.kind} surrogate (interpolated on the records of its runs)"
+
+    @property
     def structure_in_words(self) -> list[tuple[str, str]]:
         """The terms, and the records on which more is known."""
         known = ", ".join(f"'{fit.name}'" for fit in self.rest.records.values())
