@@ -92,8 +92,6 @@ class Surrogate(TraceableModel, StandIn):
     ----------
     validation : Validation or None
         What the last call of `validate` found.
-    trusted : bool
-        Whether `trust` was called.
     """
 
     substeps = 1
@@ -104,7 +102,7 @@ class Surrogate(TraceableModel, StandIn):
         self.free = fit.space.names
         self.channels = fit.channels
         self.validation: Validation | None = None
-        self.trusted = False
+        self.trusted = False  # whatever its error; see `trust`
 
     # --- what a kind of surrogate implements --------------------------------------------------------------------
 
