@@ -136,6 +136,7 @@ def certify(
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
         everything = joined((fresh.theta, fresh.log_true), known)
         others = joined(known, searched(law, everything, fresh.middle, count, truth.at, limits, rng))
+    # Where q has no density at all, a run is no draw of it; it may show that something is there.
     fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
     searching = truth.count - at_draws
     more = len(chosen.theta) // 2 if teaching is None else teaching
