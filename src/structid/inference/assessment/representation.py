@@ -35,6 +35,9 @@ NEGLIGIBLE = 1e-3
 """Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
 TOLERANCE = 0.05
 """Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
+EVIDENCE = 0.25
+"""Difference of log Z that does not matter [nat]: a tempering along a ridge loses as much on its way, and draws that miss a fifth of the
+probability differ in their shares, means or standard deviations, too."""
 ERRORS = 3.0
 """Standard errors beyond the tolerance at which two explorers disagree."""
 PARTICLES = 2000
@@ -264,7 +267,7 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
     """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
     gap, error = second.value - first.value, math.hypot(first.error, second.error)
-    if abs(gap) <= TOLERANCE + ERRORS * error:
+    if abs(gap) <= EVIDENCE + ERRORS * error:
         return []
     missing = (
         "the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, and proves nothing"
