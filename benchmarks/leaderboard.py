@@ -224,7 +224,7 @@ asked for those same limits: of how many it certified, and of how many of these 
 search of modes that they lack, and up to 30 that teach where they are wrong. What stopped with an error or took more than
 {LONGEST / 60.0:.0f} minutes has failed.
 
-Seconds are those of a run; all were run beside other work on the same two cores.
+Seconds are those of a run; peers were run beside other work on the same two cores, structid alone.
 
 A mode that neither the peer nor any of these runs has touched is not known to `certify`, which says so.
 
