@@ -248,7 +248,7 @@ def main() -> None:
 `benchmarks/facade_calibration.py`. {common.machine()}.
 
 Virtual experiments on El Centro (2.5 s, 753 values): truths spread evenly over the source's box, three displacements with noise of
-2 %. POD-Kriging in the coordinates, `si.calibrate` with at most 400 true runs, 40 in the first design and 10 a round; 240 of them
+2 %. POD-Kriging in the coordinates, `si.calibrate` with at most 400 true runs, 40 in the first design and 10 a round; 30 of them
 are the certificate's. The 95 % region is the ellipsoid of the draws in normal scores of the prior. Truth inside: {inside} of
 {len(right)} (limit 9 of 10).
 
