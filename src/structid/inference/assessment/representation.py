@@ -36,8 +36,8 @@ NEGLIGIBLE = 1e-3
 TOLERANCE = 0.05
 """Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
 EVIDENCE = 0.25
-"""Difference of log Z that does not matter [nat]. A tempering along a ridge loses as much on its way, and draws that miss a fifth of
-the probability differ in their shares, means or standard deviations, too."""
+"""Difference of log Z that does not matter [nat]. A tempering along a ridge loses as much on its way, and draws that miss a fifth
+of the probability differ in their shares, means or standard deviations, too."""
 ERRORS = 3.0
 """Standard errors beyond the tolerance at which two explorers disagree."""
 PARTICLES = 2000
