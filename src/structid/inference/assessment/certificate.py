@@ -286,7 +286,7 @@ def judged(
     if len(fresh.theta) < FEWEST_DRAWS:
         raise InputError("certificate", f"{len(fresh.theta)} fresh draws", f"{FEWEST_DRAWS} or more, best 30")
     variation = weight_variation(fresh.log_ratios, fresh.shares, limits.confidence_of(look))
-    lost, lost_of_sd = missing_bounds(fresh)
+    lost, lost_of_sd = missing_bounds(fresh, variation)
     mean_off = variation.bound + lost + np.broadcast_to(fresh.beside.mean, len(names))
     sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) * (1.0 + lost_of_sd) - 1.0
     variation = replace(variation, bound=variation.bound + lost + fresh.beside.variation)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy
 
@@ -72,11 +74,10 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
     with np.errstate(invalid="ignore"):  # of an infinite variation
         by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
     by_variation = variation.of_variance(_kurtosis(fresh.population))
-    off = np.fmin(by_draws, by_variation)
-    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - off, 0.0)))
+    return _of_sd(np.fmin(by_draws, by_variation))
 
 
-def missing_bounds(fresh: FreshDraws) -> tuple[float, np.ndarray]:
+def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
     """How far means and standard deviations may be off because q is zero where a share δ of π lies.
 
     If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
@@ -85,15 +86,21 @@ def missing_bounds(fresh: FreshDraws) -> tuple[float, np.ndarray]:
     ----------
     fresh : FreshDraws
         The draws.
+    variation : WeightVariation
+        Of their weights, which know nothing of it.
 
     Returns
     -------
     tuple of float and ndarray (parameter,)
         χ, which bounds the means, and a share of each standard deviation.
     """
-    variation = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
-    of_variance = variation * np.sqrt(np.maximum(_kurtosis(fresh.population), 1.0) - 1.0) + variation**2
-    return variation, np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
+    lost = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
+    return lost, _of_sd(replace(variation, bound=lost).of_variance(_kurtosis(fresh.population)))
+
+
+def _of_sd(of_variance: np.ndarray) -> np.ndarray:
+    """Largest relative error of a standard deviation whose variance is off by a share."""
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
 
 
 def _kurtosis(draws: np.ndarray) -> np.ndarray:
