@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from structid.probability.ranks import ranks
+
 STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
@@ -202,8 +204,7 @@ def normal_scores(draws: np.ndarray) -> np.ndarray:
     ndarray
         In the same shape.
     """
-    ranks = scipy.stats.rankdata(draws).reshape(draws.shape)
-    return np.asarray(scipy.stats.norm.ppf((ranks - 0.375) / (draws.size + 0.25)))
+    return np.asarray(scipy.special.ndtri((ranks(draws) - 0.375) / (draws.size + 0.25)))
 
 
 def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:

@@ -25,7 +25,8 @@ class GivenResponses:
     def __init__(self, likelihood: JointLikelihood, responses: Sequence[np.ndarray]) -> None:
         self._likelihood = likelihood
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
-        runs = [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
+        # Thousands of drawn responses are finite as a rule, and are not copied then.
+        runs = responses if self._finite.all() else [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
         self._squares = [_sum_of_squares(bound, own) for bound, own in zip(likelihood.of, runs, strict=True)]
         self._responses = [own.transpose(1, 2, 0) for own in runs]
         # Compiled once for all the calls with these responses.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
+
+from structid.probability.ranks import ranks
 
 MOVED_BY = 5.0
 """Standard errors by which the mean of a quantity at rest may change: the largest of some dozens."""
@@ -30,8 +31,8 @@ def still_moving(draws: np.ndarray) -> dict[int, float]:
         return {}
     moving = {}
     for place in range(draws.shape[-1]):
-        ranks = scipy.stats.rankdata(draws[..., place]).reshape(draws.shape[:-1])
-        change = ranks[-half:].mean(axis=0) - ranks[:half].mean(axis=0)
+        places = ranks(draws[..., place])
+        change = places[-half:].mean(axis=0) - places[:half].mean(axis=0)
         # Copies of a particle are not independent of each other; populations are.
         variance = max(
             change.var() / change.size, change.mean(axis=1).var(ddof=1) / len(change) if len(change) > 1 else 0.0

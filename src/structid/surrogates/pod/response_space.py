@@ -243,8 +243,11 @@ class ResponseSpaceSurrogate(Surrogate):
         fit = self.records[excitation.content_hash]
         scores, deviation = self.scores_with_deviation(fit, np.asarray(theta, dtype=np.float64))
         scores = scores + deviation * rng.standard_normal(scores.shape)
-        values = (fit.mean + scores @ fit.modes).reshape(len(theta), fit.samples, len(fit.scale))
-        return np.asarray(values * fit.scale)
+        values = scores @ fit.modes
+        values += fit.mean
+        values = values.reshape(len(theta), fit.samples, len(fit.scale))
+        values *= fit.scale
+        return np.asarray(values)
 
     def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
         """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths.
