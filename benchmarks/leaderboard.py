@@ -66,7 +66,7 @@ def by_certify(case: Case, outcome: Outcome, seed: int) -> str:
     if outcome.log_density is None:
         return ""
     try:
-        limits = si.Limits(mean=FALSE, sd=FALSE)
+        limits = si.Limits(mean=FALSE, sd=FALSE, correlation=2.0 * FALSE)
         found = si.certify(
             case.target, outcome.draws, outcome.log_density, true_runs=60, known=outcome.known, limits=limits, seed=seed
         )

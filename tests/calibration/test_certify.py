@@ -191,7 +191,7 @@ def test_a_bent_ridge_whose_end_is_missing(end, good, seed):
     def ended(x):
         return np.where(x[:, 0] < end, ridge(x), -np.inf)
 
-    limits = si.Limits(mean=0.25, sd=0.25)
+    limits = si.Limits(mean=0.25, sd=0.25, correlation=0.5)
     found = si.certify(si.LogDensity(ridge, ("a", "b"), space, bounds), some, ended, limits=limits, seed=seed)
     assert found.certified == good, str(found)
 

@@ -74,6 +74,29 @@ def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
     assert found.true_runs <= 31 + 5  # it teaches no further: this law is not to be certified
 
 
+def correlated(x):
+    """Standard normal parameters, two of which have a correlation of 0.3."""
+    return scipy.stats.multivariate_normal.logpdf(x, np.zeros(3), [[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_draws_that_ignore_a_correlation_are_refused(seed):
+    """The runs teach that all means and standard deviations are right, and what is wrong."""
+    draws = np.random.default_rng(seed).standard_normal((4000, 3))
+    known = 2.0 * np.random.default_rng(seed + 50).standard_normal((80, 3))
+    found = si.certify(
+        target(correlated),
+        draws,
+        lambda x: scipy.stats.norm.logpdf(x).sum(axis=1),
+        known=(known, correlated(known)),
+        seed=seed,
+    )
+    assert not found.certified and found.correction is not None
+    assert found.correction.correlation[0, 1] == pytest.approx(0.3, abs=0.05)
+    assert np.abs(found.correction.sd - 1.0).max() < 0.05
+    assert any("the correlation of a and b" in reason for reason in found.reasons), str(found)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_a_run_that_no_other_one_foretells_is_not_learnt_away(seed):
     """A heavy spike among the draws, as narrow as a fiftieth of them: a Kriging goes through any run."""

@@ -5,6 +5,8 @@ import sys
 
 import jax
 import numpy as np
+import pytest
+import scipy
 
 import structid as si
 from structid.inference.sampling.other_coordinates import InCoordinates
@@ -83,3 +85,13 @@ def test_a_density_that_factorises_matrices_does_not_wait_for_ever():
     """LAPACK, called by two devices of one machine at once, waits for threads that the other holds."""
     done = subprocess.run([sys.executable, "-c", FACTORISED], capture_output=True, text=True, timeout=120)
     assert done.stdout.strip() == "True", done.stderr
+
+
+def test_a_function_that_leaves_the_axis_of_a_single_point_out():
+    """As SciPy's multivariate laws do."""
+    law, space = scipy.stats.multivariate_normal(np.zeros(2)), si.ParameterSpace(a=si.Normal(0, 1), b=si.Normal(0, 1))
+    target = LogDensity(law.logpdf, "ab", space)
+    assert target.log_density(np.zeros((1, 2))).shape == target.evaluate(np.zeros((1, 2)))[0].shape == (1,)
+    wrong = LogDensity(lambda theta: theta, "ab", space)
+    with pytest.raises(si.InputError, match=r"shape \(3, 2\) for 3 points"):
+        wrong.log_density(np.zeros((3, 2)))

@@ -162,7 +162,7 @@ def _judged(
         again = judged(learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction)
         if again.certified or again.mean_bound.max() < found.mean_bound.max():
             found = again
-        if again.certified or count == 0 or correction.beyond(limits.mean, limits.sd):
+        if again.certified or count == 0 or correction.beyond(limits):
             break
         theta = learnt.worth_teaching(count)
         others = joined(others, (theta, truth.at(theta)))

@@ -41,7 +41,7 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 11
+SCHEMA = 12
 """Version of the rounds on disk, and of the random streams that continue from them."""
 
 LAWS_FOLDER = "laws"

@@ -266,9 +266,18 @@ class LogDensity(Target):
         ndarray, shape (run,)
             The log density.
         """
-        value = self._function(theta) if self.backend == "numpy" else self._compiled[0](theta)
-        value = np.asarray(value, dtype=np.float64)
+        value = self._values(theta) if self.backend == "numpy" else np.asarray(self._compiled[0](theta))
         return np.where(np.isnan(value), -np.inf, value)
+
+    def _values(self, theta: np.ndarray) -> np.ndarray:
+        """What the function returns, (run,)."""
+        value = np.asarray(self._function(theta), dtype=np.float64)
+        if len(theta) == 1 and value.ndim == 0:  # SciPy's multivariate laws leave the axis of a single point out
+            value = value[None]
+        if value.shape != (len(theta),):
+            came = f"an array of shape {value.shape} for {len(theta)} points"
+            raise InputError("LogDensity.function", came, f"shape ({len(theta)},)")
+        return value
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log density in unconstrained coordinates; see `Target.evaluate`.
@@ -285,11 +294,7 @@ class LogDensity(Target):
         """
         if self.backend == "numpy":
             theta, jacobian = self.bijection(phi)
-            value = np.asarray(self._function(theta), dtype=np.float64)
-            if value.shape != (len(phi),):
-                came = f"an array of shape {value.shape} for {len(phi)} points"
-                raise InputError("LogDensity.function", came, f"shape ({len(phi)},)")
-            value = value + jacobian
+            value = self._values(theta) + jacobian
         else:
             value = self._compiled[1](phi)
         failed = np.isnan(value)

@@ -10,6 +10,8 @@ from structid.errors import InputError
 from structid.inference.assessment.certificate import judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.limits import Limits
+from structid.inference.assessment.moment_shift import correlation_bound
+from structid.inference.assessment.weight_variation import WeightVariation
 
 pytestmark = pytest.mark.quick
 
@@ -84,6 +86,24 @@ def test_what_is_wrong_is_stopped(bad, dimension):
 @pytest.mark.parametrize("dimension", [4, 10])
 def test_a_tail_that_is_ten_times_too_light(dimension):
     assert certified(tail(0.05, 10.0), dimension) <= 0.1 + 3.0 * np.sqrt(0.1 * 0.9 / 200)
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5, 0.95])
+def test_the_bound_of_a_correlation(rho):
+    """Weights 1 + c f of the function f that moves it most: it is off by c sd(f), to first order, and χ = c sd(f)/sd(f)."""
+    factor = np.linalg.cholesky([[1.0, rho], [rho, 1.0]])
+    theta = np.random.default_rng(5).standard_normal((400_000, 2)) @ factor.T
+    moving = theta[:, 0] * theta[:, 1] - 0.5 * rho * (theta**2).sum(axis=1)
+    # In units of its standard deviation 1 − ρ², and cut off, so that no weight is negative.
+    weights = 1.0 + np.clip(0.05 * moving / (1.0 - rho**2), -0.9, 0.9)
+    weights /= weights.sum()
+    mean = weights @ theta
+    covariance = (weights[:, None] * (theta - mean)).T @ (theta - mean)
+    off = covariance[0, 1] / np.sqrt(covariance[0, 0] * covariance[1, 1]) - rho
+    variation = WeightVariation(0.05, 0.05, 0.95, 30.0)
+    bound = correlation_bound(FreshDraws(theta, theta, theta[:, 0], theta[:, 0], theta[:, 0], theta, 0.0), variation)
+    assert bound[0, 0] == bound[1, 1] == 0.0 and bound[0, 1] == bound[1, 0]
+    assert 0.9 * bound[0, 1] < off + 0.05**2 < bound[0, 1] + 3.0 / np.sqrt(len(theta))
 
 
 def test_a_small_shift_is_told():

@@ -65,5 +65,31 @@ def test_a_small_correction_is_certified_and_a_large_one_is_not():
     np.testing.assert_allclose(found.mean_bound[0] - plain.mean_bound[0], 0.05, atol=0.03)
     assert found.of_probability(0.05) > near.distance > plain.of_probability(0.05)
     assert "the mean of a lies +0.15" in str(refused)
-    assert not near.beyond(0.1, 0.1) and far.beyond(0.1, 0.1)
+    assert not near.beyond(Limits()) and far.beyond(Limits())
     assert found.to_plain()["correction"]["mean"] == found.correction.mean.tolist()
+
+
+def with_correlation(rho, count=40_000, seed=1):
+    """From q = N(0, 1)² to standard normal parameters with a correlation."""
+    theta = 1.4 * np.random.default_rng(seed).standard_normal((count, 2))
+    wide, plain = (scipy.stats.norm.pdf(theta, 0.0, sd).prod(axis=1) for sd in (1.4, 1.0))
+    other = scipy.stats.multivariate_normal.pdf(theta, np.zeros(2), [[1.0, rho], [rho, 1.0]])
+    return Correction.between(theta, plain / wide, other / wide)
+
+
+@pytest.mark.parametrize("rho", [0.3, -0.6])
+def test_the_change_of_a_correlation(rho):
+    found = with_correlation(rho)
+    np.testing.assert_allclose(found.correlation, [[0.0, rho], [rho, 0.0]], atol=0.02)
+    np.testing.assert_allclose(found.sd, 1.0, atol=0.03)
+
+
+def test_draws_without_a_correlation_that_the_runs_have_taught():
+    """Every mean and every standard deviation of single parameters is right, and still they are not the posterior's draws."""
+    near, far = with_correlation(0.1), with_correlation(0.3)
+    found, refused = certificate(near), certificate(far)
+    assert found.certified and not near.beyond(Limits()) and far.beyond(Limits())
+    assert "every correlation within 0.1" in found.statement
+    assert len(refused.reasons) == 1
+    assert refused.reasons[0].startswith("the correlation of a and b may be 0.3")
+    assert refused.reasons[0].endswith(" off; 0.2 is allowed")

@@ -18,7 +18,7 @@ from structid.inference.assessment.correction import Correction
 from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.limits import Limits
-from structid.inference.assessment.moment_shift import missing_bounds, sd_bound, shift, standardised
+from structid.inference.assessment.moment_shift import correlation_bound, missing_bounds, sd_bound, shift, standardised
 from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
 from structid.notebook import ShownAsText
 
@@ -49,6 +49,8 @@ class Certificate(ShownAsText):
         How far each mean may be off, in standard deviations: U, or less where the runs have taught a correction.
     sd_bound : ndarray, shape (parameter,)
         How far each standard deviation may be off, as a share of it.
+    correlation_bound : ndarray, shape (parameter, parameter)
+        How far the correlation of each two parameters may be off.
     shift, shift_error : ndarray, shape (parameter,)
         How far the weights move each mean, in standard deviations, and the Monte-Carlo error of that.
     draws : ndarray, shape (draw, parameter)
@@ -89,6 +91,7 @@ class Certificate(ShownAsText):
     variation: WeightVariation
     mean_bound: np.ndarray
     sd_bound: np.ndarray
+    correlation_bound: np.ndarray
     shift: np.ndarray
     shift_error: np.ndarray
     draws: np.ndarray = field(repr=False)
@@ -157,10 +160,11 @@ class Certificate(ShownAsText):
     def statement(self) -> str:
         """What it says of the figures, in a sentence."""
         mean, sd = float(self.mean_bound.max()), float(self.sd_bound.max())
+        correlations = f"every correlation within {self.correlation_bound.max():.2g}, " if len(self.names) > 1 else ""
         logarithms = any(name.startswith("log ") for name in self.names)
         return (
             f"every mean is within {mean:.2g} standard deviations of the model's, every standard deviation within "
-            f"{100.0 * sd:.2g} %, the probability of an event of 5 % within {100.0 * self.of_probability(0.05):.2g} %"
+            f"{100.0 * sd:.2g} %, {correlations}the probability of an event of 5 % within {100.0 * self.of_probability(0.05):.2g} %"
             f"{'; of a variance of errors its logarithm is meant' if logarithms else ''}"
         )
 
@@ -290,9 +294,11 @@ def judged(
     mean_off = variation.bound + lost + np.broadcast_to(fresh.beside.mean, len(names))
     sd_off = (1.0 + sd_bound(fresh, variation)) * (1.0 + fresh.beside.sd) * (1.0 + lost_of_sd) - 1.0
     variation = replace(variation, bound=variation.bound + lost + fresh.beside.variation)
+    correlation_off = correlation_bound(fresh, variation)
     moved, error = shift(fresh, standardised(fresh))
     if correction is not None:
         mean_off, sd_off = correction.mean_bound(mean_off), correction.sd_bound(sd_off)
+        correlation_off = correction.correlation_bound(correlation_off)
         moved, error = correction.mean + correction.sd * moved, np.hypot(correction.mean_error, correction.sd * error)
     middle = fresh.middle
     excess, within = _excess(stored, middle, limits.reach)
@@ -305,14 +311,14 @@ def judged(
             f"{failed} of {len(fresh.theta)} true runs at fresh draws failed, where nothing wrong was foreseen",
             *missing,
         )
-    reasons = (*missing, *_what_varies(variation, mean_off, sd_off, names, limits, correction))
+    reasons = (*missing, *_what_varies(variation, mean_off, sd_off, correlation_off, names, limits, correction))
     verdict: CertificateVerdict = "certified"
     if reasons:
         enough = weighted_size(fresh.weights) >= limits.usable_size and variation.bound <= limits.usable
         verdict = "usable with re-weighting" if enough and not missing else "not to be trusted"
     return Certificate(
-        verdict, reasons, doubts, variation, mean_off, sd_off, moved, error, fresh.theta, fresh.weights, fresh.log_ratios, look,
-        above, excess, within, failed, true_runs, limits, names, correction, missing=fresh.missing,
+        verdict, reasons, doubts, variation, mean_off, sd_off, correlation_off, moved, error, fresh.theta, fresh.weights,
+        fresh.log_ratios, look, above, excess, within, failed, true_runs, limits, names, correction, missing=fresh.missing,
     )  # fmt: skip
 
 
@@ -320,6 +326,7 @@ def _what_varies(
     variation: WeightVariation,
     mean_off: np.ndarray,
     sd_off: np.ndarray,
+    correlation_off: np.ndarray,
     names: tuple[str, ...],
     limits: Limits,
     correction: Correction | None,
@@ -339,6 +346,12 @@ def _what_varies(
     if not sd_off[widest] <= limits.sd:
         reasons.append(
             f"the standard deviation of {names[widest]} may be {sd_off[widest]:.0%} off, and {limits.sd:.0%} is allowed"
+        )
+    if not correlation_off.max() <= limits.correlation:
+        one, other = np.unravel_index(np.argmax(np.triu(correlation_off)), correlation_off.shape)
+        reasons.append(
+            f"the correlation of {names[one]} and {names[other]} may be {_number(correlation_off[one, other])} off; "
+            f"{limits.correlation:g} is allowed"
         )
     return tuple(reasons)
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from structid.inference.assessment.limits import Limits
+
 ERRORS = 3.0
 """Monte-Carlo errors that are added to what moves a mean."""
 
@@ -28,12 +30,15 @@ class Correction:
         Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error.
     sd : ndarray, shape (parameter,)
         Standard deviation of q′ over that of q.
+    correlation : ndarray, shape (parameter, parameter)
+        Correlations of q′ minus those of q.
     """
 
     distance: float
     mean: np.ndarray
     mean_error: np.ndarray
     sd: np.ndarray
+    correlation: np.ndarray
 
     @classmethod
     def between(cls, theta: np.ndarray, of_law: np.ndarray, of_learnt: np.ndarray) -> Correction:
@@ -64,22 +69,27 @@ class Correction:
             np.asarray(mean),
             np.sqrt(np.sum(contributions**2, axis=0)),
             np.sqrt(new @ (standard - mean) ** 2),
+            _correlations(standard, new) - _correlations(standard, old),
         )
 
-    def beyond(self, mean: float, sd: float) -> bool:
+    def beyond(self, limits: Limits) -> bool:
         """Whether q is so far off that it will not be certified, however well q′ is known.
 
         Parameters
         ----------
-        mean, sd : float
-            Limits of means, in standard deviations, and of standard deviations, as a share.
+        limits : Limits
+            Of means, standard deviations and correlations.
 
         Returns
         -------
         bool
             True if one of them is exceeded.
         """
-        return bool(np.abs(self.mean).max() > mean or np.abs(self.sd - 1.0).max() > sd)
+        return bool(
+            np.abs(self.mean).max() > limits.mean
+            or np.abs(self.sd - 1.0).max() > limits.sd
+            or np.abs(self.correlation).max() > limits.correlation
+        )
 
     def said_of(self, place: int, name: str) -> str:
         """Say how far a mean is off.
@@ -129,3 +139,27 @@ class Correction:
             The product of both ratios is that far from one.
         """
         return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
+
+    def correlation_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the true correlations may be from those of q.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter, parameter)
+            The same of q′.
+
+        Returns
+        -------
+        ndarray, shape (parameter, parameter)
+            The sum of both distances.
+        """
+        return np.asarray(np.abs(self.correlation) + bound)
+
+
+def _correlations(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Of weighted points; those of a parameter without spread are 0."""
+    away = theta - weights @ theta
+    covariance = (weights[:, None] * away).T @ away
+    sd = np.sqrt(np.diag(covariance))
+    scale = np.where(sd > 0.0, sd, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))

@@ -18,8 +18,11 @@ class Limits:
         How far any mean may be off, in posterior standard deviations.
     sd : float
         How far any standard deviation may be off, as a share of it.
+    correlation : float
+        How far any correlation of two parameters may be off: 0.2, where all are independent, changes the standard deviation of
+        the sum of two by a tenth.
     confidence : float
-        With which both hold, over all looks of a calibration together.
+        With which all three hold, over all looks of a calibration together.
     above : float
         How much more density than every draw a stored true run may have [nat].
     reach : float
@@ -37,6 +40,7 @@ class Limits:
 
     mean: float = 0.1
     sd: float = 0.1
+    correlation: float = 0.2
     confidence: float = 0.95
     above: float = 2.0
     reach: float = 10.0

@@ -77,6 +77,37 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
     return _of_sd(np.fmin(by_draws, by_variation))
 
 
+def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+    """How far the correlation of each two parameters may be off.
+
+    A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This is
+    χ sd_q(f) at most, for normal ones χ (1 − ρ²), and the square of χ bounds what the means take away.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+    variation : WeightVariation
+        Of their weights.
+
+    Returns
+    -------
+    ndarray, shape (parameter, parameter)
+        Zero on the diagonal.
+    """
+    away = fresh.population - fresh.population.mean(axis=0)
+    sd = away.std(axis=0)
+    z = away / np.where(sd > 0.0, sd, 1.0)
+    rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
+    fourth = np.diag(squares)
+    # E f² = E z₁² z₂² − ρ E (z₁³ z₂ + z₁ z₂³) + ¼ ρ² E (z₁² + z₂²)², and E f = 0.
+    spread = squares - rho * (cubes + cubes.T) + 0.25 * rho**2 * (fourth[:, None] + 2.0 * squares + fourth)
+    others = ~np.eye(len(rho), dtype=bool)
+    bound: np.ndarray = np.zeros_like(rho)
+    bound[others] = variation.bound * np.sqrt(np.maximum(spread[others], 0.0)) + variation.bound**2
+    return bound
+
+
 def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
     """How far means and standard deviations may be off because q is zero where a share δ of π lies.
 

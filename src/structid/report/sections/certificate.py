@@ -67,7 +67,7 @@ def what_was_bounded(certificate: Certificate) -> Table:
     return Table(
         f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far "
         "the draws of the certificate say they are",
-        (["", "mean within [sd]", "sd within", "mean moves by [sd]"], _bounds(certificate)),
+        (["", "mean within [sd]", "sd within", "correlations within", "mean moves by [sd]"], _bounds(certificate)),
     )
 
 
@@ -127,11 +127,14 @@ def _asked(certificate: Certificate) -> list[list[str]]:
 
 
 def _bounds(certificate: Certificate) -> list[list[str]]:
-    """Bounds of every parameter's moments."""
-    figures = (certificate.mean_bound, certificate.sd_bound, certificate.shift, certificate.shift_error)
+    """Bounds of every parameter's moments, and of its correlations with the others."""
+    figures = (
+        certificate.mean_bound, certificate.sd_bound, certificate.correlation_bound.max(axis=1), certificate.shift,
+        certificate.shift_error,
+    )  # fmt: skip
     return [
-        [pretty(name), f"{mean:.2g}", f"{sd:.2g}", f"{shift:+.3f} ± {error:.3f}"]
-        for name, mean, sd, shift, error in zip(certificate.names, *figures, strict=True)
+        [pretty(name), f"{mean:.2g}", f"{sd:.2g}", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
+        for name, mean, sd, correlation, shift, error in zip(certificate.names, *figures, strict=True)
     ]
 
 
