@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.figures.style import canvas, density, finish, in_powers_of_ten, styled
+from structid.figures.style import canvas, density, finish, in_powers_of_ten, shown, styled
 
 
 def test_density_of_a_normal_sample_near_and_far_from_it():
@@ -41,3 +41,20 @@ def test_the_callers_style_is_left_alone(tmp_path):
     draw(tmp_path / "a.b")
     assert dict(matplotlib.rcParams) == before
     assert {p.name for p in tmp_path.iterdir()} == {"a.b.png", "a.b.pdf"}
+
+
+def test_what_a_panel_shows_of_a_long_tail():
+    """All of a normal and of an exponential law but one in a thousand; of a tail like 1/x² twice the width of the rest."""
+    rng = np.random.default_rng(4)
+    usual = np.column_stack([rng.standard_normal(20_000), rng.standard_exponential(20_000)])
+    np.testing.assert_array_equal(shown(usual), np.quantile(usual, [0.0005, 0.9995], axis=0))
+    long = 1.0 / rng.uniform(size=20_000)
+    low, high = np.quantile(long, [0.05, 0.95])
+    assert long.max() > 100.0 * high > 100.0 * (shown(long)[1] - high) / 2.0 > 0.0
+    assert shown(long)[1] == pytest.approx(high + 2.0 * (high - low))
+
+
+def test_a_far_draw_leaves_the_density_of_the_others_as_it_is():
+    draws = np.append(np.random.default_rng(5).standard_normal(50_000), 1e5)
+    points = np.linspace(-3.0, 3.0, 50)
+    np.testing.assert_allclose(density(draws, points, -np.inf, np.inf), scipy.stats.norm.pdf(points), atol=0.02)

@@ -21,6 +21,7 @@ from structid.figures.style import (
     in_powers_of_ten,
     pretty,
     pretty_unit,
+    shown,
     styled,
     thin,
 )
@@ -120,7 +121,7 @@ def _prior_range(
 ) -> None:
     """Draw prior and posterior over the whole range of the prior; each density has its own scale."""
     p_low, p_high = np.quantile(prior, [0.001, 0.999])
-    d_low, d_high = np.quantile(posterior, [0.0005, 0.9995])
+    d_low, d_high = shown(posterior)
     span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
     axis.hist(prior, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples")
     axis.plot(span, density(prior, span, *support), color=PRIOR, label="prior")
@@ -145,7 +146,7 @@ def _posterior_range(
     truth: float | None,
 ) -> None:
     """Draw prior and posterior where the posterior is."""
-    low, high = np.quantile(posterior, [0.0005, 0.9995])
+    low, high = shown(posterior)
     margin = 0.25 * (high - low)
     near = np.linspace(max(low - margin, support[0]), min(high + margin, support[1]), 400)
     axis.fill_between(near, density(posterior, near, *support), color=MODEL, alpha=0.35, lw=0, label="posterior")
@@ -191,7 +192,7 @@ def pairs(
     draws, best = draws / scales, best / scales
     figure, axes = canvas(count, count, height=7.4 / count)
     correlation = np.atleast_2d(np.corrcoef(draws.T))
-    limits = np.quantile(draws, [0.001, 0.999], axis=0)
+    limits = shown(draws)
     for i in range(count):
         for j in range(count):
             axis = axes[i, j]
@@ -276,7 +277,7 @@ def traces(
             axis.plot(steps, history[steps, e, :, i].mean(axis=1), color=colour, lw=1.1)
         axis.axvspan(0, discarded, color="#eeeeee", zorder=0, lw=0)
         kept = history[discarded:, :, :, i]
-        low, high = np.quantile(kept, [0.0005, 0.9995])
+        low, high = shown(kept.ravel())
         axis.set_ylim(low - 0.6 * (high - low), high + 0.6 * (high - low))
         axis.set_ylabel(_label_in_lines(names[i], units[i]), fontsize=7.5)
     axes[0, 0].set_title("thin: walkers; thick: mean of each ensemble; grey: discarded", loc="left")

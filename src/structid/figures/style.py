@@ -26,6 +26,9 @@ CYCLE = ("#1f6f8b", "#c1440e", "#6a994e", "#7b4b94", "#bc8034", "#386641")
 """Colours of several lines of the same kind."""
 WIDTH = 7.4
 """Width of a full figure [inch]."""
+LONGEST_TAIL = 2.0
+"""Part of a tail that a panel of draws shows, beyond where 90 % of them lie, in widths of these 90 %: more than a normal or an
+exponential law has."""
 
 _RC = {
     "font.size": 9.0,
@@ -171,6 +174,24 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
     return figure
 
 
+def shown(draws: np.ndarray) -> np.ndarray:
+    """Range of draws that a panel shows: all but one in a thousand, and no more of a long tail than twice what 90 % span.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (draw, ...)
+        The draws.
+
+    Returns
+    -------
+    ndarray, shape (2, ...)
+        Lowest and highest.
+    """
+    least, low, high, most = np.quantile(draws, [0.0005, 0.05, 0.95, 0.9995], axis=0)
+    tail = LONGEST_TAIL * (high - low)
+    return np.stack([np.maximum(least, low - tail), np.minimum(most, high + tail)])
+
+
 def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> np.ndarray:
     """Kernel density of draws, reflected at the bounds so that no mass lies beyond them.
 
@@ -195,7 +216,9 @@ def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> n
         mirrored.append(2 * low - draws)
     if np.isfinite(high):
         mirrored.append(2 * high - draws)
-    bins = np.linspace(draws.min() - 6 * width, draws.max() + 6 * width, 4097)
+    # No wider than what is shown: a far draw would make the bins of all others coarse.
+    first, last = max(draws.min(), points.min()), min(draws.max(), points.max())
+    bins = np.linspace(first - 6 * width, max(first, last) + 6 * width, 4097)
     centres = 0.5 * (bins[1:] + bins[:-1])
     counts, _ = np.histogram(np.concatenate(mirrored), bins)
     step = bins[1] - bins[0]
