@@ -19,7 +19,7 @@ from structid.calibration.foreign_draws import Draws, density_with, draws_of
 from structid.calibration.hidden_modes import searched
 from structid.calibration.known_points import Points, joined
 from structid.calibration.learnt_law import LearntLaw
-from structid.calibration.true_runs import Tell
+from structid.calibration.true_runs import NOISE, Tell
 from structid.calibration.truth import Truth
 from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, judged
@@ -82,8 +82,9 @@ def certify(
         Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
         `true_runs` when left out.
     known : tuple of ndarray, optional
-        Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it. None of them may exceed
-        the draws. They tell where a mode could be, and where the draws' law is wrong.
+        Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it: the model is run once at
+        the best of them to see that. None of them may exceed the draws. They tell where a mode could be, and where the draws' law
+        is wrong.
     limits : Limits, optional
         What must be met.
     look : int
@@ -106,7 +107,8 @@ def certify(
     Raises
     ------
     InputError
-        If these are draws of other parameters, too few, outside the support of the priors, or not of this density.
+        If these are draws of other parameters, too few, outside the support of the priors, or not of this density, or if the model
+        has another log density at a known point.
     """
     if true_runs is not None and true_runs < FEWEST_DRAWS:
         raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
@@ -122,6 +124,7 @@ def certify(
     doubts = law.doubts(known[0], seed)
     chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
+    _compare_known(known, truth)
     log_true = truth.at(chosen.theta)
     noise = truth.twice()
     at_draws = truth.count
@@ -129,7 +132,7 @@ def certify(
     judges = chosen.inside
     fresh = FreshDraws(
         judges.theta, posterior.compared(judges.theta), log_true[inside], judges.log_drawn, judges.shares,
-        posterior.compared(law.population), law.highest, truth.impossible[inside],
+        posterior.compared(law.population), law.highest, truth.impossible[-len(chosen.theta) :][inside],
     )  # fmt: skip
     others = known
     if posterior.knows_prior and np.isfinite(log_true).any():
@@ -182,6 +185,22 @@ def _known(known: Points | None, dimension: int) -> Points:
         )
     ran = np.isfinite(theta).all(axis=1) & ~np.isnan(log_true)
     return theta[ran], log_true[ran]
+
+
+def _compare_known(known: Points, truth: Truth) -> None:
+    """Run the model at the best known point: log densities without a constant would teach nonsense."""
+    theta, log_true = known
+    if not np.isfinite(log_true).any():
+        return
+    best = int(np.argmax(log_true))
+    found = float(truth.at(theta[best : best + 1])[0])
+    if not abs(found - log_true[best]) <= NOISE:
+        raise InputError(
+            "certify(known)",
+            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior has {found:.6g}",
+            "log π as `posterior.log_density` gives it",
+            "A log-likelihood lacks the prior, other programs leave constants out, and a model with noise never answers the same.",
+        )
 
 
 def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:

@@ -65,8 +65,8 @@ def what_was_bounded(certificate: Certificate) -> Table:
         A row for each parameter.
     """
     return Table(
-        f"How far the figures of each parameter may be off, with {certificate.limits.confidence:.0%} confidence, and how far "
-        "the draws of the certificate say they are",
+        "How far the figures of each parameter may be off, with "
+        f"{100.0 * certificate.limits.confidence:.0f} % confidence, and how far the draws of the certificate say they are",
         (["", "mean within [sd]", "sd within", "correlations within", "mean moves by [sd]"], _bounds(certificate)),
     )
 
@@ -133,7 +133,7 @@ def _bounds(certificate: Certificate) -> list[list[str]]:
         certificate.shift_error,
     )  # fmt: skip
     return [
-        [pretty(name), f"{mean:.2g}", f"{sd:.2g}", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
+        [pretty(name), f"{mean:.2g}", f"{100.0 * sd:.2g} %", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
         for name, mean, sd, correlation, shift, error in zip(certificate.names, *figures, strict=True)
     ]
 

@@ -40,10 +40,12 @@ def _validation(surrogate: Surrogate) -> Rows:
 def _what_it_is(surrogate: Surrogate) -> Rows:
     """What a surrogate is and what it was fitted to."""
     fit = surrogate.fitted
+    # Of a calibration, a certificate speaks for it where its posterior is.
+    over = "over all its runs, also far from the posterior" if surrogate.trusted else "estimated while fitting"
     rows = [
         ["kind", surrogate.kind_in_words],
         ["fitted to", f"{fit.runs} runs, {fit.left_out} others left out, in {fit.seconds:.1f} s"],
-        ["mean error estimated while fitting", f"{fit.error:.2g}"],
+        [f"mean error {over}", f"{fit.error:.2g}"],
     ]
     judged = "estimated while fitting"
     if surrogate.validation is not None:
