@@ -70,10 +70,11 @@ def test_what_the_runs_have_taught_is_on_the_page(tmp_path):
     space = si.ParameterSpace(a=si.Normal(0.0, 1.0), b=si.Normal(0.0, 1.0))
     target = si.LogDensity(space.log_density, ("a", "b"), space)
     found = si.certify(target, np.random.default_rng(1).standard_normal((2000, 2)), space.log_density)
-    correction = Correction(0.034, np.array([0.05, -0.02]), np.array([0.004, 0.001]), np.array([1.03, 0.99]))
+    moved, correlation = np.array([0.05, -0.02]), np.array([[0.0, -0.16], [-0.16, 0.0]])
+    correction = Correction(0.034, moved, np.array([0.004, 0.001]), np.array([1.03, 0.99]), correlation)
     pages = []
     for place, one in enumerate((found, replace(found, correction=correction, missing=0.0071))):
         material = CertificateMaterial("Draws", "", "draws.nc", one, ("a", "b"), ("m", ""), np.array([1.0, 1.0]))
         pages.append(write_certificate_report(material, tmp_path / str(place), {}).read_text())
-    told = ("they differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%")
+    told = ("they differ in 3.4 % of the probability", "+0.050 ± 0.004", "+3.0 %", "0.71%", "-0.16 with b")
     assert all(said in pages[1] and said not in pages[0] for said in told)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from structid.figures import calibration as figures
 from structid.figures.style import pretty, pretty_unit
 from structid.inference.assessment.certificate import Certificate
@@ -22,15 +24,27 @@ def _what_was_taught(certificate: Certificate) -> list[Table]:
     taught = certificate.correction
     if taught is None:
         return []
+    moments = zip(certificate.names, taught.mean, taught.mean_error, taught.sd, taught.correlation, strict=True)
     rows = [
-        [pretty(name), f"{mean:+.3f} ± {error:.3f}", f"{100.0 * (sd - 1.0):+.1f} %"]
-        for name, mean, error, sd in zip(certificate.names, taught.mean, taught.mean_error, taught.sd, strict=True)
+        [
+            pretty(name),
+            f"{mean:+.3f} ± {error:.3f}",
+            f"{100.0 * (sd - 1.0):+.1f} %",
+            _furthest(correlations, certificate.names),
+        ]
+        for name, mean, error, sd, correlations in moments
     ]
     title = (
         "The law that the runs have taught, beside that of the draws: they differ in "
         f"{100.0 * taught.distance:.1f} % of the probability. The bounds above reckon with it"
     )
-    return [Table(title, (["", "its mean lies at [sd]", "its sd is larger by"], rows))]
+    return [Table(title, (["", "its mean lies at [sd]", "its sd is larger by", "correlation that differs most"], rows))]
+
+
+def _furthest(correlations: np.ndarray, names: tuple[str, ...]) -> str:
+    """By how much the correlation with one of the other parameters differs most, and with which."""
+    other = int(np.argmax(np.abs(correlations)))
+    return f"{correlations[other]:+.2f} with {pretty(names[other])}" if len(names) > 1 else ""
 
 
 def _drawings(material: CertificateMaterial) -> list[Drawing]:
