@@ -106,6 +106,14 @@ def test_the_bound_of_a_correlation(rho):
     assert 0.9 * bound[0, 1] < off + 0.05**2 < bound[0, 1] + 3.0 / np.sqrt(len(theta))
 
 
+def test_correlations_of_a_parameter_without_spread():
+    """As of one that a law knows: whatever the weights, an infinite bound is no NaN."""
+    theta = np.random.default_rng(5).standard_normal((500, 2)) * np.array([1.0, 0.0])
+    fresh = FreshDraws(theta, theta, theta[:, 0], theta[:, 0], theta[:, 0], theta, 0.0)
+    assert correlation_bound(fresh, WeightVariation(0.05, 0.05, 0.95, 30.0))[0, 1] == 0.05**2
+    assert correlation_bound(fresh, WeightVariation(np.inf, np.inf, 0.95, 30.0))[0, 1] == np.inf
+
+
 def test_a_small_shift_is_told():
     one = judged(drawn(lambda theta, rng: 0.03 * theta[:, 0]), StoredRuns(), ("a", "b", "c", "d"), 99)
     assert one.certified and one.variation.estimate < one.variation.bound <= 0.1

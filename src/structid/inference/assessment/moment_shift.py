@@ -102,10 +102,11 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarr
     fourth = np.diag(squares)
     # E f² = E z₁² z₂² − ρ E (z₁³ z₂ + z₁ z₂³) + ¼ ρ² E (z₁² + z₂²)², and E f = 0.
     spread = squares - rho * (cubes + cubes.T) + 0.25 * rho**2 * (fourth[:, None] + 2.0 * squares + fourth)
-    others = ~np.eye(len(rho), dtype=bool)
-    bound: np.ndarray = np.zeros_like(rho)
-    bound[others] = variation.bound * np.sqrt(np.maximum(spread[others], 0.0)) + variation.bound**2
-    return bound
+    square = variation.bound**2
+    with np.errstate(invalid="ignore"):  # of an infinite variation
+        bound = np.fmax(variation.bound * np.sqrt(np.maximum(spread, 0.0)) + square, square)
+    np.fill_diagonal(bound, 0.0)
+    return np.asarray(bound)
 
 
 def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
