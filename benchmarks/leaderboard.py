@@ -221,8 +221,8 @@ structid is given model and measurement, and keeps the variance among its parame
 beside tempered SMC on the model itself. A claim ("converged", "certified") is false where a mean is more than {FALSE} posterior
 standard deviations off, or a standard deviation more than {FALSE:.0%}. Last column: what `si.certify` says of a peer's draws,
 asked for those same limits: of how many it certified, and of how many of these wrongly. It takes 60 runs at the draws, one at the
-best known point, up to 10 in search of modes that they lack, and up to 30 that teach where they are wrong. What stopped with an error or took more than
-{LONGEST / 60.0:.0f} minutes has failed.
+best known point, up to 10 in search of modes that they lack, and up to 30 that teach where they are wrong. What stopped with an
+error or took more than {LONGEST / 60.0:.0f} minutes has failed.
 
 Seconds are those of a run; peers were run beside other work on the same two cores, structid alone.
 
