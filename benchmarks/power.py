@@ -12,6 +12,7 @@ from collections.abc import Callable
 import common
 import numpy as np
 import scipy
+from attacks import boxed
 
 import structid as si
 from structid.inference.assessment.certificate import judged
@@ -80,7 +81,8 @@ def by_draws_alone(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
     mixed = PLAIN + TEMPERED * EXPONENT ** (dimension / 2) * np.exp(0.5 * (1.0 - EXPONENT) * squares)
     of_law = POPULATION[:, :dimension]
     fresh = FreshDraws(theta, theta, log_drawn + log_ratio(theta), log_drawn, 1.0 / mixed, of_law, 0.0)
-    return judged(fresh, StoredRuns(), names(dimension), len(theta)).certified
+    names = tuple(f"x{i}" for i in range(dimension))
+    return judged(fresh, StoredRuns(), names, len(theta)).certified
 
 
 def taught(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
@@ -89,15 +91,9 @@ def taught(log_ratio: LogRatio, dimension: int, seed: int) -> bool:
     def log_density(theta: np.ndarray) -> np.ndarray:
         return np.asarray(scipy.stats.norm.logpdf(theta).sum(axis=1))
 
-    box = {name: (-10.0, 10.0) for name in names(dimension)}
-    space = si.ParameterSpace(**{name: si.Uniform(*edges) for name, edges in box.items()})
-    true = si.LogDensity(lambda theta: log_density(theta) + log_ratio(theta), names(dimension), space, box)
+    true = boxed(lambda theta: log_density(theta) + log_ratio(theta), dimension)
     draws = np.random.default_rng(seed).standard_normal((4000, dimension))
     return si.certify(true, draws, log_density, seed=seed).certified
-
-
-def names(dimension: int) -> tuple[str, ...]:
-    return tuple(f"x{i}" for i in range(dimension))
 
 
 def share(certified: list[bool]) -> str:

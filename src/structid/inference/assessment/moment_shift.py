@@ -24,8 +24,7 @@ def standardised(fresh: FreshDraws) -> np.ndarray:
     ndarray, shape (draw, parameter)
         Of no unit.
     """
-    sd = fresh.population.std(axis=0)
-    return np.asarray((fresh.compared - fresh.population.mean(axis=0)) / np.where(sd > 0, sd, 1.0))
+    return _in_sds(fresh.compared, fresh.population)
 
 
 def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -95,9 +94,7 @@ def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarr
     ndarray, shape (parameter, parameter)
         Zero on the diagonal.
     """
-    away = fresh.population - fresh.population.mean(axis=0)
-    sd = away.std(axis=0)
-    z = away / np.where(sd > 0.0, sd, 1.0)
+    z = _in_sds(fresh.population, fresh.population)
     rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
     fourth = np.diag(squares)
     # E f² = E z₁² z₂² − ρ E (z₁³ z₂ + z₁ z₂³) + ¼ ρ² E (z₁² + z₂²)², and E f = 0.
@@ -137,6 +134,10 @@ def _of_sd(of_variance: np.ndarray) -> np.ndarray:
 
 def _kurtosis(draws: np.ndarray) -> np.ndarray:
     """E (x − μ)⁴ / σ⁴ of every marginal."""
-    away = draws - draws.mean(axis=0)
-    variance = np.mean(away**2, axis=0)
-    return np.asarray(np.mean(away**4, axis=0) / np.where(variance > 0.0, variance, 1.0) ** 2)
+    return np.asarray(np.mean(_in_sds(draws, draws) ** 4, axis=0))
+
+
+def _in_sds(values: np.ndarray, population: np.ndarray) -> np.ndarray:
+    """Values in standard deviations of a population from its mean; where it has no spread, their distance from it."""
+    sd = population.std(axis=0)
+    return np.asarray((values - population.mean(axis=0)) / np.where(sd > 0.0, sd, 1.0))
