@@ -57,7 +57,10 @@ def main(path: Path = DEFAULT, save: Path | None = Path("cyclic_test")) -> float
     if save is not None:
         u = displacement * 1e3
         title = f"{path.stem}: {unexplained:.1%} of the force's variance unexplained"
-        loops.loops((u, force * 1e-3), (u, predicted * 1e-3), title, save, names=("test", "Bouc-Wen-Baber-Noori"))
+        samples = np.arange(len(u), dtype=float)
+        loops.loops(
+            samples, (u, force * 1e-3), (u, predicted * 1e-3), title, save, names=("test", "Bouc-Wen-Baber-Noori")
+        )
     print(result)
     print(f"unexplained: {unexplained:.3%}")
     return unexplained

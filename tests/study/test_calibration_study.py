@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from commands import structid
+from structid.calibration import final_draws
 from structid.errors import InputError
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN, shortened
@@ -22,18 +23,24 @@ def written(folder, calibration=CALIBRATION, surrogate='kind = "pod_kriging"', s
     return folder / "study.toml"
 
 
-def test_a_certified_study(tmp_path):
+def test_a_certified_study(tmp_path, monkeypatch):
     # One good surrogate in fifty is refused by the luck of its draws; the budget is for a second certificate, and a third.
     study = written(tmp_path, CALIBRATION.replace("true_runs = 300", "true_runs = 700"))
     outcome = run_study(study, tmp_path / "out")
     certificate = outcome.calibration.certificate
     assert certificate.certified and outcome.trusted and outcome.result.verdict().converged, str(outcome.calibration)
     page = outcome.report.read_text()
-    assert page.index("Certified: surrogate and model agree") < page.index("<h3>Posterior</h3>")
+    assert page.index("Certified: surrogate and model agree") < page.index('id="posterior-table"')
     assert 'id="calibration"' in page and "Rounds" in page and "spread of log w" in page
     assert "surrogate's own error (" not in page  # what is certified needs no warning
+    # First of all the answers: what the parameters are, whether to believe them, what next.
+    head = page.index('<section class="headline')
+    assert head < page.index("What are the parameters?") < page.index("certified by") < page.index("What next?")
+    assert page.index("What next?") < page.index('id="verdict"')
+    monkeypatch.setattr(final_draws, "represented", None)  # what the second explorer has found is stored
     again = report_again(tmp_path / "out")
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
+    assert str(again.calibration.representation) == str(outcome.calibration.representation)
     assert again.report.read_text().count("<figure>") == page.count("<figure>")
 
 
@@ -79,7 +86,7 @@ def test_exact_sampling_needs_no_certificate(tmp_path):
         if outcome.trusted
         else "Exact in the long run, but the chain is not there"
     )
-    assert page.index(head) < page.index("<h3>Posterior</h3>")
+    assert page.index(head) < page.index('id="posterior-table"')
     assert str(result.cost.true_runs) in page.replace(",", "")
     again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.result.history, result.history)

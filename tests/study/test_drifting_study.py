@@ -21,5 +21,5 @@ def test_a_study_whose_parameters_drift(tmp_path):
     page = outcome.report.read_text()
     # What was sampled at the knots is judged with the rest, and shown nowhere else.
     assert "stiffness drift" in page and page.count("stiffness at 1") == 1 and "stiffness_at" not in page
-    assert {p.stem for p in (tmp_path / "out" / "figures").glob("*.png")} >= {"marginals", "loops", "other_1_velocity"}
+    assert {p.stem for p in (tmp_path / "out" / "figures").glob("*.svg")} >= {"marginals", "loops", "other_1_velocity"}
     np.testing.assert_array_equal(report_again(tmp_path / "out").result.history, outcome.result.history)

@@ -94,7 +94,7 @@ def test_a_programme_from_its_file_to_its_report(run):
     assert outcome.programme.finished
     for name in ("study.toml", "test_1.h5", "test_2.h5", "learnt.h5", "posterior.nc", "report.html", "timings.json"):
         assert (folder / name).is_file(), name
-    drawn = {path.stem for path in (folder / "figures").glob("*.png")}
+    drawn = {path.stem for path in (folder / "figures").glob("*.svg")}
     assert drawn == {"loops_drift", "histories", "tracking", "learnt_loops", "predicted_test", "filtered_path"}
     page = outcome.report.read_text()
     assert "All 2 tests came to their end." in page and "Followed while they ran" in page

@@ -10,12 +10,14 @@ from typing import Any, cast
 import numpy as np
 
 from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_surrogate
+from structid.hashing import digest
 from structid.inference.assessment.representation import EXPLORER, LONGEST, Representation, represented
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Sampler
 from structid.inference.sampling.tempered import SMC
 from structid.inference.sampling_result import SamplingResult
+from structid.journal import Journal
 from structid.models.face import Progress
 from structid.surrogates.face import Surrogate
 
@@ -120,10 +122,24 @@ def final_draws(
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
             # What is made up need not be explored to the end, and where a more careful sampler is left, it comes first.
             longest = 1 if len(made_up) else LONGEST if last else NOT_YET_LONGEST
-            beside = represented(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
+            beside = _beside(under, drawn, starts, seed, again, longest, where / f"{name}_beside.journal")
             found = FinalDraws(drawn, beside, made_up)
             if last or not found.failures:
                 break
+    return found
+
+
+def _beside(
+    under: Posterior, drawn: SamplingResult, starts: np.ndarray, seed: int, again: SMC, longest: int, path: Path
+) -> Representation:
+    """The draws beside those of a second explorer, which takes longer than the draws: found once, then read from the store."""
+    settings = digest(repr(again), longest, starts)
+    identity = {"posterior": under.content_hash, "sampler": repr(drawn.sampler), "seed": seed, "settings": settings}
+    journal = Journal(path, identity)
+    for entry in journal:
+        return Representation.of(entry)
+    found = represented(under, drawn.kept, starts, seed, again, drawn.log_evidence, longest)
+    journal.append(found.to_entry())
     return found
 
 

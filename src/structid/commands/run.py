@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from structid.commands.screen import FAILED, errors, finish, screen, stage
 from structid.errors import InputError
+
+if TYPE_CHECKING:
+    from structid.study.run import StudyOutcome
+    from structid.study.timings import Stage
 
 
 def run(
@@ -51,6 +55,40 @@ def run_on_screen(
     retry, adopt : bool
         See `run`.
     """
+    finish(worked_on_screen(study, out, resume, executor, retry, adopt))
+
+
+def worked_on_screen(
+    study: Path,
+    out: Path,
+    resume: bool,
+    executor: str = "serial",
+    retry: bool = False,
+    adopt: bool = False,
+    shown: Stage = stage,
+) -> StudyOutcome:
+    """Run a study with progress bars.
+
+    Parameters
+    ----------
+    study : Path
+        The study file.
+    out : Path
+        Folder for everything it makes.
+    resume : bool
+        Continue with what is in that folder.
+    executor : str
+        Where an external solver's runs are done.
+    retry, adopt : bool
+        See `run`.
+    shown : callable
+        Opens a progress bar.
+
+    Returns
+    -------
+    StudyOutcome
+        What came out.
+    """
     from structid.study.plausibility import plausibility
     from structid.study.programmes.programme_file import is_programme
     from structid.study.run import load, run_study
@@ -66,8 +104,7 @@ def run_on_screen(
         for question in plausibility(built).questions:
             screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
     try:
-        outcome = run_study(study, out, resume, stage, executor, retry, adopt, built)
+        return run_study(study, out, resume, shown, executor, retry, adopt, built)
     except KeyboardInterrupt:
         errors.print("\nStopped. What is finished is on disk: run it again with --resume to go on.", style="yellow")
         raise typer.Exit(FAILED) from None
-    finish(outcome)

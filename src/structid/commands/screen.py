@@ -28,13 +28,15 @@ errors = Console(stderr=True, highlight=False)
 
 
 @contextmanager
-def stage(name: str) -> Iterator[Any]:
+def stage(name: str, passing: bool = False) -> Iterator[Any]:
     """Open a progress bar with rate and time left.
 
     Parameters
     ----------
     name : str
         What is going on.
+    passing : bool
+        The bar vanishes at its end, and is not written where there is no terminal.
 
     Yields
     ------
@@ -60,7 +62,7 @@ def stage(name: str) -> Iterator[Any]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=screen) as bar:
+    with Progress(*columns, console=screen, transient=passing, disable=passing and not screen.is_terminal) as bar:
         task = bar.add_task(name, total=None, rate="", failed="")
 
         def told(done: int, total: int, failed: int = 0) -> None:

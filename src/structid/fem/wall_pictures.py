@@ -11,7 +11,7 @@ import numpy as np
 from structid.fem.assembly import Assembly
 from structid.fem.wall_channels import is_point, point_of
 from structid.fem.wall_film import GRID, WallFilm
-from structid.models.pictures import ModelPicture
+from structid.models.pictures import Film, ModelPicture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -58,13 +58,13 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
     )
 
 
-def pictures_of(plot: Callable[..., object], film: Callable[[], WallFilm]) -> list[ModelPicture]:
+def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:
     """Pictures of a wall in one run.
 
     Parameters
     ----------
     plot : callable
-        Draws the mesh into a file.
+        Draws the mesh.
     film : callable
         Gives the motion, the same one at every call.
 
@@ -76,10 +76,8 @@ def pictures_of(plot: Callable[..., object], film: Callable[[], WallFilm]) -> li
     at = "at the largest drift of its largest swings"
     strains = f"Von Mises' strain {at}, as a camera sees it on a grid of {1e3 * GRID:g} mm: a joint that opens or slides is a line."
     return [
-        ModelPicture("wall", "The wall.", lambda path: plot(save=path)),
-        ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda path: film().plot(save=path)),
-        ModelPicture("wall_strains", strains, lambda path: film().plot_strains(save=path)),
-        ModelPicture(
-            "wall_film", "The wall in motion.", lambda path: film().animate(path.with_suffix(".gif"), FRAMES), True
-        ),
+        ModelPicture("wall", "The wall.", plot),
+        ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda: film().plot()),
+        ModelPicture("wall_strains", strains, lambda: film().plot_strains()),
+        ModelPicture("wall_film", "The wall in motion.", lambda: Film(lambda path: film().animate(path, FRAMES))),
     ]

@@ -8,26 +8,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.figures.style import CYCLE, MEASURED, MODEL, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
+from structid.figures.cycles import chosen_cycles
+from structid.figures.style import CYCLE, MEASURED, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+Loop = tuple[np.ndarray, np.ndarray]
+"""Displacement [mm] and force [kN]."""
+
+
 @styled
 def loops(
-    measured: tuple[np.ndarray, np.ndarray] | None,
-    model: tuple[np.ndarray, np.ndarray],
+    time: np.ndarray,
+    measured: Loop | None,
+    model: Loop,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
     names: tuple[str, str] = ("measured", "identified"),
-    draws: Sequence[tuple[np.ndarray, np.ndarray]] = (),
+    draws: Sequence[Loop] = (),
 ) -> Figure:
-    """Draw hysteresis loops: measured, model, and one over the other.
+    """Draw hysteresis loops: all of them thin, and over them a few cycles from early to late, which tell how the structure changes.
 
     Parameters
     ----------
+    time : ndarray, shape (time,)
+        Times [s].
     measured, model : pair of ndarray, shape (time,)
         Displacement [mm] and force [kN]; None if no loop was measured.
     title : str
@@ -37,30 +45,55 @@ def loops(
     names : pair of str
         Titles of the two.
     draws : sequence of pairs of ndarray
-        Loops of further draws, drawn thin behind the model's loop.
+        Loops of further draws, of which the same cycles are drawn thin.
 
     Returns
     -------
     Figure
-        Three panels, or one without a measurement.
+        Measured, model, and the cycles of one over those of the other; or one panel without a measurement.
     """
-    panels = 3 if measured is not None else 1
-    figure, axes = canvas(1, panels, height=2.7, width=7.4 if panels > 1 else 4.2, sharex=True, sharey=True)
-    for axis in axes[0, (1 if measured is not None else 0) :]:
-        for u, f in draws:
-            axis.plot(u, f, color=MODEL, lw=0.3, alpha=0.12)
+    together = [(names[1], model)] if measured is None else [(names[0], measured), (names[1], model)]
+    shown = chosen_cycles(together[0][1][0])
+    colours = _from_early_to_late(len(shown))
+    figure, axes = canvas(
+        1, 1 if measured is None else 3, height=2.9, width=4.2 if measured is None else 7.4, sharex=True, sharey=True
+    )
+    for axis, (name, loop) in zip(axes[0], together, strict=False):
+        axis.plot(*loop, color=MUTED, lw=0.35)
+        if loop is model:
+            _cycles_of_draws(axis, draws, shown, colours)
+        for cycle, colour in zip(shown, colours, strict=True):
+            axis.plot(*_part(loop, cycle), color=colour, lw=1.2, label=f"from {time[cycle.start]:.1f} s")
+        axis.set_title(name, loc="left")
     if measured is not None:
-        for axis in (axes[0, 0], axes[0, 2]):
-            axis.plot(*measured, color=MEASURED, lw=0.7)
-        axes[0, 0].set_title(names[0])
-        axes[0, 2].set_title("superposed")
-        axes[0, 1].set_title(names[1])
-    for axis in axes[0, 1:] if measured is not None else axes[0]:
-        axis.plot(*model, color=MODEL, lw=0.7)
+        for cycle, colour in zip(shown, colours, strict=True):
+            axes[0, 2].plot(*_part(measured, cycle), color=MEASURED, lw=1.3)
+            axes[0, 2].plot(*_part(model, cycle), color=colour, lw=1.0, ls=(0, (3, 1.5)))
+        axes[0, 2].set_title("these cycles of both", loc="left")
     for axis in axes[0]:
         axis.set_xlabel("displacement [mm]")
     axes[0, 0].set_ylabel("restoring force [kN]")
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncol=len(labels) or 1)
     return finish(figure, title, save)
+
+
+def _part(loop: Loop, cycle: slice) -> Loop:
+    return loop[0][cycle], loop[1][cycle]
+
+
+def _cycles_of_draws(axis: Axes, draws: Sequence[Loop], shown: Sequence[slice], colours: Sequence[str]) -> None:
+    for loop in draws:
+        for cycle, colour in zip(shown, colours, strict=True):
+            axis.plot(*_part(loop, cycle), color=colour, lw=0.3, alpha=0.25)
+
+
+def _from_early_to_late(count: int) -> list[str]:
+    """Colours in an order that the eye knows, from dark to light."""
+    import matplotlib
+
+    shades = matplotlib.colormaps["plasma"](np.linspace(0.05, 0.8, count)) if count else ()
+    return [matplotlib.colors.to_hex(shade) for shade in shades]
 
 
 @styled
@@ -68,14 +101,14 @@ def identified(
     time: np.ndarray,
     measured: np.ndarray,
     predictions: dict[str, np.ndarray],
-    measured_loop: tuple[np.ndarray, np.ndarray] | None,
-    loops_of: dict[str, tuple[np.ndarray, np.ndarray]],
+    true_loop: Loop | None,
+    loops_of: dict[str, Loop],
     name: str,
     unit: str,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
-    """Draw a deterministic calibration: measured loop, identified loops, both superposed, and the histories around the peak.
+    """Draw a deterministic calibration: the largest cycle of the identified loops, and the histories around the peak.
 
     Parameters
     ----------
@@ -85,8 +118,8 @@ def identified(
         The measured channel.
     predictions : dict of str to ndarray, shape (time,)
         The identified histories, by method.
-    measured_loop : pair of ndarray, shape (time,), optional
-        Displacement [mm] and force [kN], if known.
+    true_loop : pair of ndarray, shape (time,), optional
+        Displacement [mm] and force [kN] of a virtual experiment.
     loops_of : dict of str to pair of ndarray, shape (time,)
         Identified loops, by method.
     name, unit : str
@@ -99,42 +132,28 @@ def identified(
     Returns
     -------
     Figure
-        Four panels, or two if no loop is known.
+        Two panels.
     """
-    figure, axes = canvas(*((1, 2) if measured_loop is None else (2, 2)), height=2.6)
-    panels = axes.ravel()
-    heads: tuple[str, ...] = ("identified", "histories around the peak")
-    if measured_loop is not None:
-        heads = ("measured", "identified", "superposed", "histories around the peak")
-        for axis in panels[[0, 2]]:
-            axis.plot(*measured_loop, color=MEASURED, lw=0.7)
-    for axis in panels[:1] if measured_loop is None else panels[1:3]:
-        _identified_loops(axis, loops_of)
-    panel_history = panels[-1]
-    panel_history.plot(time, measured, color=MEASURED, lw=1.0, label="measured")
-    for (method, values), colour in zip(predictions.items(), CYCLE, strict=False):
-        panel_history.plot(time, values, color=colour, lw=0.8, ls="--", label=method.replace("_", " "))
+    figure, axes = canvas(1, 2, height=2.9, width_ratios=(2, 3))
+    loop_panel, history = axes[0]
+    largest = chosen_cycles(next(iter(loops_of.values()))[0] if true_loop is None else true_loop[0], most=1)
+    cycle = largest[0] if largest else slice(None)
+    if true_loop is not None:
+        loop_panel.plot(*_part(true_loop, cycle), color=MUTED, lw=2.6, label="truth of the virtual experiment")
+    history.plot(time, measured, color=MEASURED, lw=1.0, label="measured")
+    for (method, loop), colour in zip(loops_of.items(), CYCLE, strict=False):
+        label = method.replace("_", " ")
+        loop_panel.plot(*_part(loop, cycle), color=colour, lw=1.0, ls="--", label=label)
+        history.plot(time, predictions[method], color=colour, lw=0.8, ls="--")
     peak = time[int(np.argmax(np.abs(measured)))]
-    panel_history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
-    low, high = panel_history.get_ylim()
-    panel_history.set_ylim(low, high + 0.35 * (high - low))  # room for the legend
-    panel_history.legend(loc="upper right", ncol=3, columnspacing=0.8, handlelength=1.2, fontsize=7)
-    panels[0 if measured_loop is None else 1].legend(loc="upper left")
-    for axis, head in zip(panels, heads, strict=True):
-        axis.set_title(head, loc="left")
-    for axis in panels[:-1]:
-        name_axes(axis, ("displacement", "mm"), ("restoring force", "kN"))
-        if axis is not panels[0]:
-            axis.sharex(panels[0])
-            axis.sharey(panels[0])
-    name_axes(panel_history, ("time", "s"), (pretty(name), pretty_unit(unit)))
+    history.set_xlim(max(peak - 2.0, time[0]), min(peak + 2.0, time[-1]))
+    loop_panel.set_title(f"the largest cycle, from {time[cycle.start or 0]:.1f} s", loc="left")
+    history.set_title("around the peak", loc="left")
+    name_axes(loop_panel, ("displacement", "mm"), ("restoring force", "kN"))
+    name_axes(history, ("time", "s"), (pretty(name), pretty_unit(unit)))
+    handles = [*loop_panel.get_legend_handles_labels()[0], *history.get_legend_handles_labels()[0]]
+    figure.legend(handles=handles, loc="outside upper center", ncol=len(handles))
     return finish(figure, title, save)
-
-
-def _identified_loops(axis: Axes, loops_of: dict[str, tuple[np.ndarray, np.ndarray]]) -> None:
-    for i, ((method, loop), colour) in enumerate(zip(loops_of.items(), CYCLE, strict=False)):
-        # The first loop is thicker, so that all methods are visible where they agree.
-        axis.plot(*loop, color=colour, lw=1.6 if i == 0 and len(loops_of) > 1 else 0.6, label=method.replace("_", " "))
 
 
 @styled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -97,18 +97,14 @@ def marginals(
         For each parameter one panel with the prior's range, and one with the posterior enlarged.
     """
     truth = truth or {}
-    count = len(names)
-    scales, units = _scales(units, posterior)
-    prior, posterior, best = prior / scales, posterior / scales, best / scales
-    supports = [(low / f, high / f) for (low, high), f in zip(supports, scales, strict=True)]
-    truth = {name: value / scales[list(names).index(name)] for name, value in truth.items()}
-    figure, axes = canvas(count, 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
+    figure, axes = canvas(len(names), 2, height=1.65, gridspec_kw={"width_ratios": [1.0, 1.25]})
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
-        wide, close = axes[i]
-        _prior_range(wide, prior[:, i], posterior[:, i], supports[i], truth.get(name))
-        _posterior_range(close, prior[:, i], posterior[:, i], supports[i], best[i], truth.get(name))
-        for axis in (wide, close):
-            axis.set_xlabel(_label(name, unit))
+        one = _Marginal(prior[:, i], posterior[:, i], np.array(supports[i]), best[i], truth.get(name, np.nan))
+        # The prior of a variance may be orders of magnitude wider than its posterior: each panel has its own unit.
+        for axis, draw, draws in ((axes[i, 0], _prior_range, one.prior), (axes[i, 1], _posterior_range, one.posterior)):
+            by, shown_unit = in_powers_of_ten(unit, draws)
+            draw(axis, one.over(by))
+            axis.set_xlabel(_label(name, shown_unit))
             axis.locator_params(axis="x", nbins=5)
     axes[0, 0].set_title("the prior's range: prior grey, posterior red", loc="left")
     axes[0, 1].set_title("where the posterior is", loc="left")
@@ -116,44 +112,53 @@ def marginals(
     return finish(figure, title, save)
 
 
-def _prior_range(
-    axis: Axes, prior: np.ndarray, posterior: np.ndarray, support: tuple[float, float], truth: float | None
-) -> None:
+class _Marginal(NamedTuple):
+    """What is known of one parameter, in one unit; the truth is NaN where it is not known."""
+
+    prior: np.ndarray
+    posterior: np.ndarray
+    support: np.ndarray
+    best: float
+    truth: float
+
+    def over(self, by: float) -> _Marginal:
+        """The same in another unit."""
+        return _Marginal(self.prior / by, self.posterior / by, self.support / by, self.best / by, self.truth / by)
+
+
+def _prior_range(axis: Axes, one: _Marginal) -> None:
     """Draw prior and posterior over the whole range of the prior; each density has its own scale."""
-    p_low, p_high = np.quantile(prior, [0.001, 0.999])
-    d_low, d_high = shown(posterior)
+    p_low, p_high = np.quantile(one.prior, [0.001, 0.999])
+    d_low, d_high = shown(one.posterior)
     span = np.linspace(min(p_low, d_low), max(p_high, d_high), 600)
-    axis.hist(prior, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples")
-    axis.plot(span, density(prior, span, *support), color=PRIOR, label="prior")
+    axis.hist(
+        one.prior, bins=40, range=(span[0], span[-1]), color=MUTED, alpha=0.6, density=True, label="prior samples"
+    )
+    axis.plot(span, density(one.prior, span, *one.support), color=PRIOR, label="prior")
     twin = axis.twinx()
-    twin.fill_between(span, density(posterior, span, *support), color=MODEL, alpha=0.7, lw=0)
+    twin.fill_between(span, density(one.posterior, span, *one.support), color=MODEL, alpha=0.7, lw=0)
     twin.set_ylim(bottom=0.0)
     if d_high - d_low < SLIVER * (span[-1] - span[0]):
-        axis.axvline(posterior.mean(), color=MODEL, lw=1.8)
+        axis.axvline(one.posterior.mean(), color=MODEL, lw=1.8)
     for each in (axis, twin):
         each.set_yticks([])
         each.grid(False)
-    if truth is not None and span[0] <= truth <= span[-1]:
-        axis.axvline(truth, color="k", lw=0.8, ls=":")
+    if span[0] <= one.truth <= span[-1]:
+        axis.axvline(one.truth, color="k", lw=0.8, ls=":")
 
 
-def _posterior_range(
-    axis: Axes,
-    prior: np.ndarray,
-    posterior: np.ndarray,
-    support: tuple[float, float],
-    best: float,
-    truth: float | None,
-) -> None:
+def _posterior_range(axis: Axes, one: _Marginal) -> None:
     """Draw prior and posterior where the posterior is."""
-    low, high = shown(posterior)
+    low, high = shown(one.posterior)
     margin = 0.25 * (high - low)
-    near = np.linspace(max(low - margin, support[0]), min(high + margin, support[1]), 400)
-    axis.fill_between(near, density(posterior, near, *support), color=MODEL, alpha=0.35, lw=0, label="posterior")
-    axis.plot(near, density(prior, near, *support), color=PRIOR, label="prior")
-    axis.axvline(best, color=MODEL, lw=1.0, label="MAP")
-    if truth is not None and near[0] <= truth <= near[-1]:
-        axis.axvline(truth, color="k", lw=0.8, ls=":", label="truth")
+    near = np.linspace(max(low - margin, one.support[0]), min(high + margin, one.support[1]), 400)
+    axis.fill_between(
+        near, density(one.posterior, near, *one.support), color=MODEL, alpha=0.35, lw=0, label="posterior"
+    )
+    axis.plot(near, density(one.prior, near, *one.support), color=PRIOR, label="prior")
+    axis.axvline(one.best, color=MODEL, lw=1.0, label="MAP")
+    if near[0] <= one.truth <= near[-1]:
+        axis.axvline(one.truth, color="k", lw=0.8, ls=":", label="truth")
     axis.set_yticks([])
     axis.set_ylim(bottom=0.0)
 

@@ -174,6 +174,7 @@ def bands(
     unit: str,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
+    reference: str = "measured",
 ) -> Figure:
     """Draw a measured history and the bands of its prediction: whole, around its peak, and with the prediction subtracted.
 
@@ -195,6 +196,8 @@ def bands(
         Title.
     save : path-like, optional
         File name without extension; a PNG and a PDF are written.
+    reference : str
+        What `measured` is called: it may be the truth of a virtual experiment.
 
     Returns
     -------
@@ -202,8 +205,7 @@ def bands(
         Three panels.
     """
     figure, axes = canvas(3, 1, height=2.0)
-    reference = best if measured is None else measured
-    peak = time[int(np.argmax(np.abs(reference)))]
+    peak = time[int(np.argmax(np.abs(best if measured is None else measured)))]
     half = min(0.06 * time[-1], 2.0)
     whole, close = (time[0], time[-1]), (max(peak - half, 0.0), min(peak + half, time[-1]))
     for axis, span, base in zip(axes[:, 0], (whole, close, whole), (0.0, 0.0, best), strict=True):
@@ -211,9 +213,7 @@ def bands(
             _band(axis, time, (outer[0] - base, outer[1] - base), 0.18, "90 % with discrepancy")
         _band(axis, time, (inner[0] - base, inner[1] - base), 0.55, "90 % of the model's response")
         if measured is not None:
-            axis.plot(
-                time, measured - base, color=MEASURED, lw=0.8 if axis is not axes[2, 0] else 0.4, label="measured"
-            )
+            axis.plot(time, measured - base, color=MEASURED, lw=0.8 if axis is not axes[2, 0] else 0.4, label=reference)
         # Dashed on top of the measurement, because the two lines coincide in a good fit.
         axis.plot(time, best - base, color=MODEL, lw=0.9, ls="-" if measured is None else (0, (4, 3)), label="MAP")
         axis.set_xlim(*span)
@@ -275,12 +275,13 @@ def energy(
 @styled
 def side_by_side(
     time: np.ndarray,
-    measured: np.ndarray,
+    measured: np.ndarray | None,
     inner: Sequence[tuple[np.ndarray, np.ndarray]],
     outer: Sequence[tuple[np.ndarray, np.ndarray]],
     classes: Sequence[str],
     name: str,
     unit: str,
+    reference: str = "measured",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Draw predictions of one measured history by several model classes: around its peak, and less the middle of the band.
@@ -289,7 +290,7 @@ def side_by_side(
     ----------
     time : ndarray, shape (time,)
         Times [s].
-    measured : ndarray, shape (time,)
+    measured : ndarray, shape (time,), optional
         The measurement.
     inner, outer : sequence of pair of ndarray, shape (time,)
         90 % bands of each class: of the model's response, and with discrepancy.
@@ -297,6 +298,8 @@ def side_by_side(
         Names of the classes.
     name, unit : str
         Name and unit of the channel.
+    reference : str
+        What `measured` is called: it may be the truth of a virtual experiment.
     save : path-like, optional
         File name without extension; a PNG and a PDF are written.
 
@@ -306,14 +309,16 @@ def side_by_side(
         Two panels for each class.
     """
     figure, axes = canvas(len(classes), 2, height=1.9, sharex="col", sharey="col")
-    peak = time[int(np.argmax(np.abs(measured)))]
+    strongest = np.abs(outer[0]).max(axis=0) if measured is None else np.abs(measured)
+    peak = time[int(np.argmax(strongest))]
     half = min(0.1 * time[-1], 4.0)
     for (close, left), one, response, shown in zip(axes, classes, inner, outer, strict=True):
         middle = 0.5 * (response[0] + response[1])
         for axis, base in ((close, 0.0), (left, middle)):
             _band(axis, time, (shown[0] - base, shown[1] - base), 0.2, "90 % with discrepancy")
             _band(axis, time, (response[0] - base, response[1] - base), 0.6, "90 % of the model's response")
-            axis.plot(time, measured - base, color=MEASURED, lw=0.9 if axis is close else 0.4, label="measured")
+            if measured is not None:
+                axis.plot(time, measured - base, color=MEASURED, lw=0.9 if axis is close else 0.4, label=reference)
             last = close is axes[-1, 0]
             name_axes(axis, ("time", "s") if last else ("", ""), (pretty(name), pretty_unit(unit)))
         close.set_xlim(max(peak - half, time[0]), min(peak + half, time[-1]))

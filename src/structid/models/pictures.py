@@ -5,6 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A film, which is long to draw and is written as it is drawn.
+
+    Parameters
+    ----------
+    write : callable
+        Writes it into a file of this name, a GIF.
+    """
+
+    write: Callable[[Path], object]
 
 
 @dataclass(frozen=True)
@@ -18,12 +35,9 @@ class ModelPicture:
     caption : str
         What it shows.
     draw : callable
-        Draws it into a file whose name without ending is given: PNG and PDF, or a GIF.
-    is_film : bool
-        Whether it is a GIF.
+        Draws it.
     """
 
     name: str
     caption: str
-    draw: Callable[[Path], object]
-    is_film: bool = False
+    draw: Callable[[], Figure | Film]

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,61 +14,20 @@ from structid.journal import write_then_rename
 from structid.models.face import Progress
 from structid.report import section_list
 from structid.report.certificate_material import CertificateMaterial
+from structid.report.comparison_material import ComparisonMaterial
+from structid.report.drawn import DrawnSection, draw
 from structid.report.head import posterior_table, run_table, sentence
+from structid.report.headline import comparison_headline, headline
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.programme_material import ProgrammeMaterial
-from structid.report.section import NEAREST, Picture, Section
+from structid.report.section import NEAREST
 from structid.report.tables import versions_table
 
 PAGE = "report.html"
 """File of a report."""
 
-
-@dataclass(frozen=True)
-class DrawnSection:
-    """A section whose figures have been drawn.
-
-    Parameters
-    ----------
-    section : Section
-        The section.
-    pictures : tuple of Picture
-        Its figures.
-    """
-
-    section: Section[Any]
-    pictures: tuple[Picture, ...]
-
-
-def draw(
-    sections: Sequence[Section[Any]], material: Any, folder: Path, progress: Progress | None = None
-) -> list[DrawnSection]:
-    """Draw all figures of some sections, as PNG and PDF.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        In their order.
-    material : object
-        What they are made of.
-    folder : Path
-        Where the figures go; made if it is not there.
-    progress : callable, optional
-        Called with the number of figures drawn and the total.
-
-    Returns
-    -------
-    list of DrawnSection
-        In the same order.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    steps = [(section, drawing) for section in sections for drawing in section.drawings(material)]
-    pictures: dict[str, list[Picture]] = {section.key: [] for section in sections}
-    for done, (section, drawing) in enumerate(steps, start=1):
-        pictures[section.key].append(drawing(folder))
-        if progress is not None:
-            progress(done, len(steps))
-    return [DrawnSection(section, tuple(pictures[section.key])) for section in sections]
+COMPARISON_PAGE = "comparison.html"
+"""File of a comparison."""
 
 
 def write_report(
@@ -100,6 +57,7 @@ def write_report(
         folder,
         title=material.title,
         sentence=sentence(material),
+        headline=headline(material),
         verdict=material.result.verdict(),
         cost=material.result.cost,
         calibration=material.calibration,
@@ -111,7 +69,7 @@ def write_report(
         parameters=material.posterior.names,
         exp=np.exp,
         main=posterior_table(material),
-        sections=_shown(drawn, material, folder, material.result.verdict().converged),
+        sections=_shown(drawn, material, material.result.verdict().converged),
         settings=material.settings,
         run=run_table(material, timings),
     )
@@ -148,7 +106,7 @@ def write_runs_report(material: RunsMaterial, folder: Path, timings: dict[str, f
         title=material.title,
         sentence=f"{len(runs)} runs of a model with the parameters {', '.join(runs.design.names)} on {records}.",
         runs=runs,
-        sections=_shown(draw(section_list.OF_RUNS, material, folder / "figures"), material, folder),
+        sections=_shown(draw(section_list.OF_RUNS, material, folder / "figures"), material),
         settings=material.settings,
         run=versions_table(timings),
     )
@@ -182,7 +140,7 @@ def write_programme_report(
         title=material.title,
         sentence=f"{len(programme.tests)} of {len(programme.planned)} hybrid tests on one specimen, which kept its damage.",
         programme=programme,
-        sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material, folder),
+        sections=_shown(draw(section_list.OF_A_PROGRAMME, material, folder / "figures", progress), material),
         settings=material.settings,
         run=versions_table(timings),
     )
@@ -211,18 +169,54 @@ def write_certificate_report(material: CertificateMaterial, folder: Path, timing
         title=material.title,
         sentence=f"Draws of {material.source}, judged by runs of the model itself.",
         certificate=material.certificate,
-        sections=_shown(draw(section_list.OF_A_CERTIFICATE, material, folder / "figures"), material, folder),
+        sections=_shown(draw(section_list.OF_A_CERTIFICATE, material, folder / "figures"), material),
         settings=material.settings,
         run=versions_table(timings),
     )
 
 
-def _write(name: str, folder: Path, **content: Any) -> Path:
-    write_then_rename(folder / PAGE, template(name).render(**content).encode())
-    return folder / PAGE
+def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progress | None = None) -> Path:
+    """Write ``comparison.html``: model classes of one measurement side by side.
+
+    Parameters
+    ----------
+    material : ComparisonMaterial
+        The classes.
+    folder : Path
+        Where the page goes; made if it is not there.
+    progress : callable, optional
+        Called with the number of figures drawn and the total.
+
+    Returns
+    -------
+    Path
+        The page.
+    """
+    believed, further = comparison_headline(material)
+    observation, count = material.observation, len(material.classes)
+    channels, title = ", ".join(observation.channels), " or ".join(material.names)
+    return _write(
+        "comparison.html",
+        folder,
+        page=COMPARISON_PAGE,
+        title=f"{title[:1].upper()}{title[1:]}?",
+        sentence=f"{count} model classes of the measured {channels} on {observation.record.name}.",
+        verdict=material.comparison.verdict,
+        believed=believed,
+        further=further,
+        best=material.best,
+        best_found=headline(material.best.material),
+        sections=_shown(draw(section_list.OF_A_COMPARISON, material, folder / "figures", progress), material),
+        run=versions_table({}),
+    )
 
 
-def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path, converged: bool = True) -> list[dict[str, Any]]:
+def _write(name: str, folder: Path, page: str = PAGE, **content: Any) -> Path:
+    write_then_rename(folder / page, template(name).render(**content).encode())
+    return folder / page
+
+
+def _shown(drawn: Sequence[DrawnSection], material: Any, converged: bool = True) -> list[dict[str, Any]]:
     """Sections that have something to show, as a template takes them."""
     shown = []
     for each in drawn:
@@ -230,14 +224,13 @@ def _shown(drawn: Sequence[DrawnSection], material: Any, folder: Path, converged
         words = section.words(material)
         if not (tables or each.pictures or words):
             continue
-        pictures = [(p, embedded(folder / "figures" / p.file)) for p in each.pictures]
         shown.append(
             {
                 "key": section.key,
                 "title": section.title,
                 "words": words,
                 "tables": tables,
-                "pictures": pictures,
+                "pictures": each.pictures,
                 "under_doubt": section.under_doubt if converged or section.of_draws else "",
             }
         )
@@ -261,19 +254,3 @@ def template(name: str) -> jinja2.Template:
         loader=jinja2.PackageLoader("structid", "report/templates"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     return environment.get_template(name)
-
-
-def embedded(path: Path) -> str:
-    """Turn a picture into text that stands inside a page.
-
-    Parameters
-    ----------
-    path : Path
-        A PNG or GIF file.
-
-    Returns
-    -------
-    str
-        A data URL.
-    """
-    return f"data:image/{path.suffix[1:]};base64," + base64.b64encode(path.read_bytes()).decode()

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from functools import cached_property
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from structid.figures import response as figures
 from structid.inference.assessment.prediction import Prediction
 from structid.units import factor
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Edges = tuple[np.ndarray, np.ndarray]
 
@@ -29,14 +32,16 @@ class PredictedBand:
         self.draws, self.best = draws, best
 
     @cached_property
-    def _inner(self) -> Edges:
+    def inner(self) -> Edges:
+        """Edges of the 90 % band of the response alone, each (time, channel) in SI."""
         return self.draws.band()
 
     @cached_property
-    def _outer(self) -> Edges:
+    def outer(self) -> Edges:
+        """Edges of the 90 % band with discrepancy, each (time, channel) in SI."""
         return self.draws.band(discrepancy=True)
 
-    def draw(self, column: int, unit: str, measured: np.ndarray | None, save: Path) -> None:
+    def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:
         """Draw one channel.
 
         Parameters
@@ -45,20 +50,23 @@ class PredictedBand:
             Which channel.
         unit : str
             Its display unit.
-        measured : ndarray, shape (time,), or None
-            The measurement in SI, if there is one.
-        save : Path
-            Where to save it, without ending.
+        reference : tuple of str and ndarray, shape (time,), or None
+            What it is held against, such as the measurement: its name, and values in SI.
+
+        Returns
+        -------
+        Figure
+            Three panels.
         """
         by = factor(unit)
-        inner, outer = ((low[:, column] / by, high[:, column] / by) for low, high in (self._inner, self._outer))
-        figures.bands(
+        inner, outer = ((low[:, column] / by, high[:, column] / by) for low, high in (self.inner, self.outer))
+        return figures.bands(
             self.draws.time,
-            None if measured is None else measured / by,
+            None if reference is None else reference[1] / by,
             self.best[:, column] / by,
             inner,
             outer,
             self.draws.channels[column],
             unit,
-            save=save,
+            reference="" if reference is None else reference[0],
         )

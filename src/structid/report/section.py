@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from structid.models.pictures import Film
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Rows = tuple[list[str], list[list[str]]]
 """Heads and rows of a table."""
@@ -32,35 +36,30 @@ class Table:
     of_words: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Picture:
-    """A figure that has been drawn.
+    """A figure of a section.
 
     Parameters
     ----------
     name : str
-        Of its files, without ending.
+        Of its file, without ending.
     caption : str
         What it shows.
-    is_film : bool
-        Whether it is a GIF, and not a PNG beside a PDF.
+    drawn : Figure or Film
+        The figure, not saved yet; or what can write a film.
     """
 
     name: str
     caption: str
-    is_film: bool = False
-
-    @property
-    def file(self) -> str:
-        """The file that stands in a page."""
-        return f"{self.name}.{'gif' if self.is_film else 'png'}"
+    drawn: Figure | Film
 
 
 NEAREST = "These are the parameters with which the model comes nearest to the data, not those of the structure."
 """Of parameters, where the model is wrong."""
 
-Drawing = Callable[[Path], Picture]
-"""Draws one figure into a folder, as PNG and PDF."""
+Drawing = Callable[[], Picture]
+"""Draws one figure."""
 
 
 def nothing(material: object) -> list[Any]:

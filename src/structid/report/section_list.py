@@ -10,6 +10,10 @@ from structid.report.sections import (
     certificate,
     chain_convergence,
     chance_of_failure,
+    compared_evidence,
+    compared_parameters,
+    compared_records,
+    compared_responses,
     deterministic_minima,
     fitted_surrogate,
     followed_online,
@@ -66,3 +70,11 @@ OF_A_PROGRAMME: tuple[Section[Any], ...] = (
 
 OF_A_CERTIFICATE: tuple[Section[Any], ...] = (judged_draws.SECTION,)
 """Made of `CertificateMaterial`."""
+
+OF_A_COMPARISON: tuple[Section[Any], ...] = (
+    compared_evidence.SECTION,
+    compared_parameters.SECTION,
+    compared_responses.SECTION,
+    compared_records.SECTION,
+)
+"""Made of `ComparisonMaterial`."""

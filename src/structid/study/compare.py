@@ -11,12 +11,13 @@ import numpy as np
 
 from structid.errors import InputError, StructidWarning
 from structid.inference.assessment.comparison import Comparison, ModelClass, leave_out
-from structid.inference.assessment.prediction import Prediction, predict
+from structid.inference.assessment.prediction import predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
-from structid.report.comparison_page import write_comparison
+from structid.report.comparison_material import ComparedClass, ComparisonMaterial
+from structid.report.page import write_comparison
 from structid.study.folder import IDENTITY
 from structid.study.run import StudyOutcome, stored_outcome
 from structid.study.timings import Stage, silent
@@ -56,22 +57,41 @@ def compare_studies(
     if len(paths) < 2:
         raise InputError("compare", f"{len(paths)} folder", "two or more that structid run has filled")
     _check_same_measurement(paths)
-    outcomes = [stored_outcome(path, stage) for path in paths]
-    names = _names(paths)
-    classes, predictions = [], []
+    return compare_outcomes(paths, [stored_outcome(path, stage) for path in paths], out, stage)
+
+
+def compare_outcomes(
+    paths: Sequence[Path], outcomes: Sequence[StudyOutcome], out: str | Path | None = None, stage: Stage = silent
+) -> tuple[Comparison, Path | None]:
+    """Compare what studies of the same measurement have found.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Their folders.
+    outcomes : sequence of StudyOutcome
+        What they have found.
+    out : path-like, optional
+        A folder for a page with their predictions side by side.
+    stage : callable
+        Opens a progress bar for a named stage.
+
+    Returns
+    -------
+    tuple of Comparison and Path or None
+        The figures, and the page.
+    """
+    classes = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", StructidWarning)  # what a surrogate warns of is in its own study
-        for path, name, outcome in zip(paths, names, outcomes, strict=True):
+        for path, name, outcome in zip(paths, _names(paths), outcomes, strict=True):
             with stage(f"comparing {name}"):
-                one, prediction = _model_class(path, name, outcome)
-            classes.append(one)
-            predictions.append(prediction)
-    comparison = Comparison(tuple(classes))
-    if out is None:
-        return comparison, None
-    first = outcomes[0].result
-    assert first is not None and isinstance(first.target, Posterior)
-    return comparison, write_comparison(comparison, predictions, first.target.observations[0], Path(out))
+                classes.append(_compared(path, name, outcome))
+        material = ComparisonMaterial(tuple(classes))
+        if out is None:
+            return material.comparison, None
+        with stage("drawing") as progress:
+            return material.comparison, write_comparison(material, Path(out), progress)
 
 
 def _check_same_measurement(paths: Sequence[Path]) -> None:
@@ -95,19 +115,19 @@ def _check_same_measurement(paths: Sequence[Path]) -> None:
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Names of the studies; of their folders where those are the same."""
+    """Names of the studies; of their folders where those are the same. A page shows words, and no underscores."""
     names = [str(json.loads((p / IDENTITY).read_text())["name"]) for p in paths]
-    return names if len(set(names)) == len(names) else [p.name for p in paths]
+    return [name.replace("_", " ") for name in (names if len(set(names)) == len(names) else [p.name for p in paths])]
 
 
-def _model_class(path: Path, name: str, outcome: StudyOutcome) -> tuple[ModelClass, Prediction]:
-    result = outcome.result
-    assert result is not None and isinstance(result.target, Posterior)
-    posterior = result.target
+def _compared(path: Path, name: str, outcome: StudyOutcome) -> ComparedClass:
+    result, material = outcome.result, outcome.material
+    assert result is not None and material is not None
+    posterior = material.posterior
     prediction = predict(posterior, result.thinned(PREDICTED), seed=result.seed, scaled=False)
     low, high = prediction.band(0.9, discrepancy=True)
     values = posterior.observations[0].values
-    return ModelClass(
+    figures = ModelClass(
         name,
         _evidence(path, outcome),
         leave_out(posterior, result.thinned(PREDICTED if posterior.costs_runs else DRAWS)),
@@ -115,7 +135,8 @@ def _model_class(path: Path, name: str, outcome: StudyOutcome) -> tuple[ModelCla
         result.verdict().unexplained,
         float(np.mean((values >= low) & (values <= high))),
         outcome.trusted,
-    ), prediction
+    )
+    return ComparedClass(figures, material, prediction)
 
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:

@@ -16,7 +16,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
-from structid.report.material import RunsMaterial
+from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.page import PAGE, write_runs_report
 from structid.runs import Runs
 from structid.study import stage_list
@@ -24,6 +24,7 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
 from structid.study.folder import SCRATCH, SURROGATE, claim, rebuilt, stored_study
 from structid.study.schema.study_file import StudyFile, read_study
+from structid.study.stages.report_page import posterior_material
 from structid.study.stages.stage import Findings, Workplace
 from structid.study.timings import Stage, silent
 from structid.surrogates.face import Surrogate
@@ -54,6 +55,8 @@ class StudyOutcome:
         What runs over the priors tell, where the study asks for them.
     fragility : Fragility or None
         The probability of a passage or of a failure for records of rising strength, where the study asks for it.
+    material : PosteriorMaterial or None
+        All of it as a page takes it; None for a study without an observation.
     """
 
     result: SamplingResult | None
@@ -65,6 +68,7 @@ class StudyOutcome:
     law_choice: LawChoice | None = None
     parameter_study: ParameterStudy | None = None
     fragility: Fragility | None = None
+    material: PosteriorMaterial | None = None
 
     @property
     def trusted(self) -> bool:
@@ -223,4 +227,5 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
         found.law_choice,
         found.parameter_study,
         found.fragility,
+        None if found.result is None else posterior_material(found, found.result, place),
     )

@@ -244,7 +244,7 @@ class Comparison:
                     f"{one.left_out.value:.1f} ± {one.left_out.error:.1f}{flawed}",
                     "–" if first else f"{less:.1f} ± {less_error:.1f}",
                     f"{100 * one.unexplained:.2g} %",
-                    f"{one.inside:.0%}",
+                    f"{100 * one.inside:.0f} %",
                 ]
             )
         return heads, rows

@@ -9,8 +9,9 @@ They know nothing of the masses that the first explorer gave to the modes, and l
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -85,6 +86,34 @@ class Representation(ShownAsText):
     def agreed(self) -> bool:
         """Whether the two explorers found the same."""
         return not self.failures
+
+    def to_entry(self) -> dict[str, np.ndarray]:
+        """Give it as arrays, for a journal.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One of each attribute.
+        """
+        return {field.name: np.array(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def of(cls, entry: Mapping[str, np.ndarray]) -> Representation:
+        """Read what `to_entry` gave.
+
+        Parameters
+        ----------
+        entry : mapping of str to ndarray
+            From a journal.
+
+        Returns
+        -------
+        Representation
+            The same.
+        """
+        read: dict[str, Any] = dict(entry)
+        words = {name: tuple(str(word) for word in read[name]) for name in ("names", "failures")}
+        return cls(**read | words | {"evidence_gap": float(read["evidence_gap"])})
 
     def __str__(self) -> str:
         worst, widest = int(np.argmax(np.abs(self.mean_gap))), int(np.argmax(np.abs(self.sd_gap)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from structid.figures import hybrid as figure
 from structid.report.programme_material import ProgrammeMaterial
@@ -29,16 +28,17 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
     return [Table("Indicators: u_m over u_c. Energy above 0 fed the structure", (heads, rows))] if rows else []
 
 
-def _draw(folder: Path, material: ProgrammeMaterial) -> Picture:
+def _draw(material: ProgrammeMaterial) -> Picture:
     name, test = list(material.begun.items())[-1]
     told = test.description.channels[0]
     unit, by, _, _ = DISPLAYED[told.unit]
     found, moves = test.tracking[told.name], test.moves
     plane = (told.name, by * moves.target[:, 0], by * moves.measured[:, 0])
-    figure.tracking(plane, moves.time, by**2 * found.indicator, found.energy, unit, save=folder / "tracking")
+    drawn = figure.tracking(plane, moves.time, by**2 * found.indicator, found.energy, unit)
     return Picture(
         "tracking",
         f"How {told.name} followed in test {name}: where it was over where it should be, and what grew of it.",
+        drawn,
     )
 
 

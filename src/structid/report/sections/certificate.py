@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from structid.calibration.calibration_result import Round
 from structid.figures import calibration as figures
 from structid.figures.style import pretty
@@ -152,12 +150,11 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     if calibration is None:
         return []
 
-    def rounds(folder: Path) -> Picture:
-        figures.rounds(
+    def rounds() -> Picture:
+        figure = figures.rounds(
             [r.training for r in calibration.rounds],
             [r.log_weights for r in calibration.rounds],
             calibration.certificate.limits.mean,
-            save=folder / "rounds",
         )
         return Picture(
             "rounds",
@@ -165,6 +162,7 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
             "model gives it than the surrogate, relative to the median of its round. Where the two posteriors are the same, "
             "all lie on zero; the band is the largest standard deviation that a certificate allows. Rounds without points came "
             "before the surrogate was sure of its posterior.",
+            figure,
         )
 
     return [rounds]

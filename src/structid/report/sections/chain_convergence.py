@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 from structid.figures import posterior as figures
 from structid.figures.style import pretty
@@ -45,16 +44,16 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return [functools.partial(_traces, material), functools.partial(_acceptance, material)]
 
 
-def _traces(material: PosteriorMaterial, folder: Path) -> Picture:
+def _traces(material: PosteriorMaterial) -> Picture:
     result, space = material.result, material.posterior.space
     units = list(space.units.values())
-    figures.traces(space.names, units, result.history / space.factors, result.discarded, save=folder / "traces")
-    return Picture("traces", "Walkers and ensemble means.")
+    figure = figures.traces(space.names, units, result.history / space.factors, result.discarded)
+    return Picture("traces", "Walkers and ensemble means.", figure)
 
 
-def _acceptance(material: PosteriorMaterial, folder: Path) -> Picture:
-    figures.acceptance(material.result.verdict().acceptance, save=folder / "acceptance")
-    return Picture("acceptance", "Acceptance rate of every walker; dotted: median.")
+def _acceptance(material: PosteriorMaterial) -> Picture:
+    figure = figures.acceptance(material.result.verdict().acceptance)
+    return Picture("acceptance", "Acceptance rate of every walker; dotted: median.", figure)
 
 
 SECTION = Section("convergence", "Convergence", _drawings, _tables)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -62,9 +61,8 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return [] if material.fragility is None else [functools.partial(_drawn, material.fragility)]
 
 
-def _drawn(found: Fragility, folder: Path) -> Picture:
-    found.plot(folder / "fragility")
-    return Picture("fragility", f"Probability of passing {_limit(found)}, or of failing, given the data.")
+def _drawn(found: Fragility) -> Picture:
+    return Picture("fragility", f"Probability of passing {_limit(found)}, or of failing, given the data.", found.plot())
 
 
 SECTION = Section(

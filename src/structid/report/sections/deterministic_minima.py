@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -63,7 +62,7 @@ def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarr
     return found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3
 
 
-def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
+def _identified(material: PosteriorMaterial) -> Picture:
     observation = material.observations[0]
     channel = observation.channels[0]
     unit = observation.channel_unit(channel).display
@@ -72,7 +71,7 @@ def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
         name: material.posterior.predict(material.completed(s.best.theta)[None])[0, :, 0] / factor(unit)
         for name, s in material.searches.items()
     }
-    figures.identified(
+    figure = figures.identified(
         observation.record.time,
         observation.values[:, 0] / factor(unit),
         predictions,
@@ -80,9 +79,8 @@ def _identified(material: PosteriorMaterial, folder: Path) -> Picture:
         {name: _loop(material, search) for name, search in material.searches.items()},
         channel,
         unit,
-        save=folder / "identified",
     )
-    return Picture("identified", "Deterministic calibration: loops and histories.")
+    return Picture("identified", "Deterministic calibration: loops and histories.", figure)
 
 
 SECTION = Section(

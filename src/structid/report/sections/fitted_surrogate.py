@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 from typing import Any
 
 from structid.figures.style import pretty
@@ -75,13 +74,13 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
     return [] if validation is None else [functools.partial(_channel, validation, c) for c in validation.channels]
 
 
-def _channel(validation: Validation, channel: str, folder: Path) -> Picture:
+def _channel(validation: Validation, channel: str) -> Picture:
     name = f"surrogate_{channel}"
-    validation.plot(channel, folder / name)
     return Picture(
         name,
         f"The surrogate's {channel} against runs of the model that it has not seen: the best, the median and the worst "
         "history, peaks, samples, and the distribution of the error.",
+        validation.plot(channel),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -70,7 +69,7 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
     return [Table(f"At the end of test {end}", (heads, rows))] if rows else []
 
 
-def _draw(folder: Path, material: ProgrammeMaterial) -> Picture:
+def _draw(material: ProgrammeMaterial) -> Picture:
     tests = {name: test.online for name, test in material.begun.items() if test.online is not None}
     paths = list(tests.values())
     names = paths[0].names
@@ -87,10 +86,10 @@ def _draw(folder: Path, material: ProgrammeMaterial) -> Picture:
             mean, sd = float(known.columns["mean"][place]), float(known.columns["sd"][place])
             posterior[name] = (mean - SIGMAS / 2.0 * sd, mean + SIGMAS / 2.0 * sd)
     starts = [(name, int(first)) for name, first in zip(tests, lengths, strict=False)]
-    figure.filtered_path(
-        names, units, starts, (joined[0], joined[1], joined[2]), posterior, save=folder / "filtered_path"
+    drawn = figure.filtered_path(names, units, starts, (joined[0], joined[1], joined[2]), posterior)
+    return Picture(
+        "filtered_path", "What the filter believed, and the posterior; grey lines: where a test begins.", drawn
     )
-    return Picture("filtered_path", "What the filter believed, and the posterior; grey lines: where a test begins.")
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:

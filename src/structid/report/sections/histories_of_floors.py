@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from structid.figures import hybrid as figure
 from structid.report.programme_material import ProgrammeMaterial
@@ -13,7 +12,7 @@ SHOWN = 3
 """Degrees of freedom at most."""
 
 
-def _draw(folder: Path, material: ProgrammeMaterial) -> Picture:
+def _draw(material: ProgrammeMaterial) -> Picture:
     tests = material.begun
     channels = material.first.description.channels
     metres = [k for k, channel in enumerate(channels) if channel.unit == "m"]
@@ -25,8 +24,8 @@ def _draw(folder: Path, material: ProgrammeMaterial) -> Picture:
         for test in tests.values()
     ]
     ends = [None if test.finished else float(test.coarse.time[-1]) for test in tests.values()]
-    figure.histories_of_tests(curves, list(tests), "mm", ends, save=folder / "histories")
-    return Picture("histories", "Displacements over simulated time; dashed: where a test ended before its time.")
+    drawn = figure.histories_of_tests(curves, list(tests), "mm", ends)
+    return Picture("histories", "Displacements over simulated time; dashed: where a test ended before its time.", drawn)
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from structid.figures import calibration as figures
@@ -50,17 +48,16 @@ def _furthest(correlations: np.ndarray, names: tuple[str, ...]) -> str:
 def _drawings(material: CertificateMaterial) -> list[Drawing]:
     certificate = material.certificate
 
-    def ratios(folder: Path) -> Picture:
+    def ratios() -> Picture:
         names = [
             pretty(name) + (f" [{pretty_unit(unit)}]" if unit else "")
             for name, unit in zip(material.names, material.units, strict=True)
         ]
-        figures.ratios_over_parameters(
+        figure = figures.ratios_over_parameters(
             certificate.draws / material.factors,
             certificate.log_ratios,
             names,
             certificate.limits.mean,
-            save=folder / "ratios",
         )
         return Picture(
             "ratios",
@@ -68,6 +65,7 @@ def _drawings(material: CertificateMaterial) -> list[Drawing]:
             "relative to the median, over each parameter. Where the two posteriors are the same, all lie on zero; the band is the "
             "largest standard deviation that a certificate allows. A slope says that a mean is off, a bow that a standard "
             "deviation is. Triangles lie beyond the edge, dotted lines are draws whose run failed.",
+            figure,
         )
 
     return [ratios]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 from structid.figures import hybrid as figure
 from structid.report.programme_material import ProgrammeMaterial
@@ -13,7 +12,7 @@ DISPLAYED = {"m": ("mm", 1e3, "kN", 1e-3), "rad": ("mrad", 1e3, "kN m", 1e-3)}
 """Unit and factor of a displacement and of its force, by the unit of the channel."""
 
 
-def _draw(folder: Path, material: ProgrammeMaterial, channel: int) -> Picture:
+def _draw(material: ProgrammeMaterial, channel: int) -> Picture:
     told = material.first.description.channels[channel]
     unit, by, force_unit, force_by = DISPLAYED[told.unit]
     curves = [
@@ -21,9 +20,10 @@ def _draw(folder: Path, material: ProgrammeMaterial, channel: int) -> Picture:
         for name, test in material.begun.items()
     ]
     name = f"loops_{told.name}"
-    figure.loops_of_tests(curves, (told.name, "force"), (unit, force_unit), save=folder / name)
     return Picture(
-        name, f"Force against measured {told.name}, from the first zero of the specimen; grey: the tests before."
+        name,
+        f"Force against measured {told.name}, from the first zero of the specimen; grey: the tests before.",
+        figure.loops_of_tests(curves, (told.name, "force"), (unit, force_unit)),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -23,12 +22,12 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return list(drawings)
 
 
-def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
+def _marginals(material: PosteriorMaterial) -> Picture:
     result, space, shown = material.result, material.posterior.space, material.posterior.shown
     factors, names, units = space.factors, space.names, list(space.units.values())
     truth = {n: v / factors[names.index(n)] for n, v in material.true_values.items()}
     prior = space.sample(4000, seed=derived_seed(result.seed, Purpose.PRIOR_DRAWS)).values / factors
-    figures.marginals(
+    figure = figures.marginals(
         tuple(names[i] for i in shown),
         [units[i] for i in shown],
         prior[:, shown],
@@ -36,26 +35,23 @@ def _marginals(material: PosteriorMaterial, folder: Path) -> Picture:
         [tuple(space.bounds[i] / factors[i]) for i in shown],
         (material.best / factors)[shown],
         truth,
-        save=folder / "marginals",
     )
     return Picture(
-        "marginals", "Priors (with samples) and posterior marginals." + (" Dotted: the truth." if truth else "")
+        "marginals", "Priors (with samples) and posterior marginals." + (" Dotted: the truth." if truth else ""), figure
     )
 
 
-def _pairs(material: PosteriorMaterial, folder: Path) -> Picture:
+def _pairs(material: PosteriorMaterial) -> Picture:
     space, shown = material.posterior.space, material.posterior.shown
     draws = (material.result.thinned(20_000) / space.factors)[:, shown]
     names, units = tuple(space.names[i] for i in shown), [list(space.units.values())[i] for i in shown]
-    figures.pairs(names, units, draws, (material.best / space.factors)[shown], save=folder / "pairs")
-    return Picture("pairs", "Pairs of parameters, their correlation above the diagonal; + is the MAP.")
+    figure = figures.pairs(names, units, draws, (material.best / space.factors)[shown])
+    return Picture("pairs", "Pairs of parameters, their correlation above the diagonal; + is the MAP.", figure)
 
 
-def _identifiability(information: Identifiability, folder: Path) -> Picture:
-    figures.identifiability(
-        information.names, information.eigenvalues, information.eigenvectors, save=folder / "identifiability"
-    )
-    return Picture("identifiability", "What the data see: Fisher information at the MAP estimate.")
+def _identifiability(information: Identifiability) -> Picture:
+    figure = figures.identifiability(information.names, information.eigenvalues, information.eigenvectors)
+    return Picture("identifiability", "What the data see: Fisher information at the MAP estimate.", figure)
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:

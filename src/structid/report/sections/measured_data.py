@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -21,25 +20,24 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return [*drawings, *(functools.partial(_measurement, material, index) for index in several)]
 
 
-def _record(material: PosteriorMaterial, folder: Path) -> Picture:
-    material.record.plot(folder / "record")
-    return Picture("record", f"The record as used: {material.record}.")
+def _record(material: PosteriorMaterial) -> Picture:
+    return Picture("record", f"The record as used: {material.record}.", material.record.plot())
 
 
-def _processing(material: PosteriorMaterial, folder: Path) -> Picture:
+def _processing(material: PosteriorMaterial) -> Picture:
     scale = material.record.pga / material.raw_record.pga
-    material.raw_record.scale(scale).plot_filter(material.record, folder / "processing")
-    return Picture("processing", "The record before (scaled to the same peak) and after processing.")
+    figure = material.raw_record.scale(scale).plot_filter(material.record)
+    return Picture("processing", "The record before (scaled to the same peak) and after processing.", figure)
 
 
-def _measurement(material: PosteriorMaterial, index: int, folder: Path) -> Picture:
+def _measurement(material: PosteriorMaterial, index: int) -> Picture:
     observation, name = material.observations[index], f"measurement{material.suffix(index)}"
     units = [observation.channel_unit(c).display for c in observation.channels]
     columns = [observation.values[:, i] / factor(u) for i, u in enumerate(units)]
     measured = list(zip(columns, observation.channels, units, strict=True))
     record = observation.record
-    figures.measurement_on_record(record.time, (record.values, record.kind, record.unit), measured, save=folder / name)
-    return Picture(name, f"The measurement on {record.name}; on the right where the motion begins.")
+    figure = figures.measurement_on_record(record.time, (record.values, record.kind, record.unit), measured)
+    return Picture(name, f"The measurement on {record.name}; on the right where the motion begins.", figure)
 
 
 SECTION = Section("data", "Data", _drawings, nothing)

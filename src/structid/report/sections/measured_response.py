@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -59,44 +58,50 @@ class _Predicted:
         return self.material.true_loops[self.index]
 
 
-def _band(predicted: _Predicted, column: int, folder: Path) -> Picture:
+def _band(predicted: _Predicted, column: int) -> Picture:
     observation = predicted.observation
     channel = observation.channels[column]
     name = f"response_{channel}{predicted.suffix}"
-    predicted.band.draw(column, observation.channel_unit(channel).display, observation.values[:, column], folder / name)
+    unit = observation.channel_unit(channel).display
     return Picture(
         name,
         f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "
         "parameters' uncertainty alone does to the model; the light one, with the discrepancy, is where a measurement "
         "would lie.",
+        predicted.band.draw(column, unit, ("measured", observation.values[:, column])),
     )
 
 
-def _loops(predicted: _Predicted, folder: Path) -> Picture:
+def _loops(predicted: _Predicted) -> Picture:
     found, truth, name = predicted.loops, predicted.true_loop, f"loops{predicted.suffix}"
-    loop_figures.loops(
+    figure = loop_figures.loops(
+        predicted.observation.record.time,
         None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
         (found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3),
-        save=folder / name,
-        names=("virtual experiment", "MAP"),
+        names=("truth of the virtual experiment", "model, MAP estimate"),
         draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in found[1 : 1 + LOOP_DRAWS]],
     )
-    caption = "Hysteresis loops at the MAP estimate and at posterior draws (thin)"
-    caption += "." if truth is None else ", against the virtual experiment's, which the calibration has not seen."
-    return Picture(name, caption)
+    caption = (
+        "Hysteresis loops. A few cycles, from early to late, stand for all (grey); those of posterior draws are thin."
+    )
+    caption += (
+        ""
+        if truth is None
+        else " The loops of the virtual experiment are the truth; the calibration has not seen them."
+    )
+    return Picture(name, caption, figure)
 
 
-def _energy(predicted: _Predicted, folder: Path) -> Picture:
+def _energy(predicted: _Predicted) -> Picture:
     found, truth, name = predicted.loops, predicted.true_loop, f"energy{predicted.suffix}"
     low, high = np.quantile(found[1:, :, 2], [0.05, 0.95], axis=0)
-    figures.energy(
+    figure = figures.energy(
         predicted.observation.record.time,
         None if truth is None else truth[:, 2],
         found[0, :, 2],
         (low, high),
-        save=folder / name,
     )
-    return Picture(name, "Absorbed energy.")
+    return Picture(name, "Absorbed energy.", figure)
 
 
 SECTION = Section(

@@ -3,66 +3,22 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterator
-from functools import cached_property
-from pathlib import Path
 
-import numpy as np
-
-from structid.errors import InputError
 from structid.figures.style import pretty_unit
-from structid.ground_motion.record import GroundMotion
-from structid.inference.assessment.prediction import predict
-from structid.inference.likelihood.posterior import Posterior
 from structid.report.material import PosteriorMaterial
-from structid.report.predicted_band import PredictedBand
+from structid.report.predicted_records import PredictedRecord, predicted_records
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.report.tables import number
-from structid.units import factor, label
-
-
-class _OtherRecord:
-    """Prediction for one record."""
-
-    def __init__(self, material: PosteriorMaterial, record: GroundMotion) -> None:
-        self.name, self._record, self._material = record.name, record, material
-
-    @cached_property
-    def _posterior(self) -> Posterior:
-        """The sampled posterior, or the model's own where the surrogate knows only its own records."""
-        posterior = self._material.posterior
-        try:
-            posterior.model.check_excitation(self._record)
-        except InputError:
-            return self._material.true_posterior
-        return posterior
-
-    @cached_property
-    def band(self) -> PredictedBand:
-        """The response of draws, and of the MAP estimate."""
-        material = self._material
-        result = material.result
-        draws = predict(self._posterior, material.draws, self._record, seed=result.seed, drift=result.drift)
-        best = predict(self._posterior, material.best[None], self._record, scaled=False)
-        return PredictedBand(draws, best.response[0])
-
-
-def _others(material: PosteriorMaterial) -> list[_OtherRecord]:
-    """One for each record; tables and figures share what they simulate."""
-    key = "other records"
-    if key not in material.shared:
-        material.shared[key] = [_OtherRecord(material, record) for record in material.other_records]
-    found: list[_OtherRecord] = material.shared[key]
-    return found
+from structid.units import label
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
     rows = [
-        [other.name, label(channel, pretty_unit(unit)), *(number(v, high - low) for v in (low, median, high))]
-        for other in _others(material)
-        for channel, unit, low, median, high in _peaks(other)
+        [other.name, label(peak.channel, pretty_unit(peak.unit)), *peak.cells]
+        for other in predicted_records(material)
+        for peak in other.peaks()
     ]
-    return [Table("Peak response", (["record", "largest", "5 %", "median", "95 %"], rows))] if rows else []
+    heads = ["record", "largest", "5 %", "median", "95 %", *([] if material.truths[0] is None else ["truth"])]
+    return [Table("Peak response", (heads, rows))] if rows else []
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
@@ -72,7 +28,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
         "The peak is that of the structure: of the response with the model's own error, without the instrument's noise. The inner "
         "band is of the response alone, the outer one of what an instrument would show."
     ]
-    draws = _others(material)[0].band.draws
+    draws = predicted_records(material)[0].band.draws
     if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
         return words
     ratios = [f"{ratio:.2f} for the {name}" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
@@ -84,29 +40,28 @@ def _words(material: PosteriorMaterial) -> list[str]:
     ]
 
 
-def _peaks(other: _OtherRecord) -> Iterator[tuple[str, str, float, float, float]]:
-    """Channel, display unit, and quantiles of the largest response in it."""
-    for column, channel in enumerate(other.band.draws.channels):
-        unit = other.band.draws.units[channel].display
-        low, median, high = np.quantile(other.band.draws.peaks[:, column] / factor(unit), [0.05, 0.5, 0.95])
-        yield channel, unit, low, median, high
-
-
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     channels = material.observations[0].channels
     return [
         functools.partial(_band, other, number_of_it, column)
-        for number_of_it, other in enumerate(_others(material), start=1)
+        for number_of_it, other in enumerate(predicted_records(material), start=1)
         for column in range(len(channels))
     ]
 
 
-def _band(other: _OtherRecord, number_of_it: int, column: int, folder: Path) -> Picture:
+def _band(other: PredictedRecord, number_of_it: int, column: int) -> Picture:
     draws = other.band.draws
     channel = draws.channels[column]
     name = f"other_{number_of_it}_{channel}"
-    other.band.draw(column, draws.units[channel].display, None, folder / name)
-    return Picture(name, f"Predicted {channel} for {other.name}.")
+    truth, held = other.truth, other.inside(column)
+    reference = None if truth is None else ("truth of the virtual experiment", truth[:, column])
+    figure = other.band.draw(column, draws.units[channel].display, reference)
+    said = (
+        ""
+        if held is None
+        else f" The outer band holds {100 * held:.0f} % of what the structure of the virtual experiment does."
+    )
+    return Picture(name, f"Predicted {channel} for {other.name}.{said}", figure)
 
 
 SECTION = Section(

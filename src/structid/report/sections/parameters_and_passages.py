@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -177,35 +176,37 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
     return found
 
 
-def _distributions(study: ParameterStudy, folder: Path) -> Picture:
+def _distributions(study: ParameterStudy) -> Picture:
     time = np.linspace(0.0, max(found.followed.max() for found in study.passages), 600)
     curves = [(_limit(study, i), *found.distribution(time)) for i, found in enumerate(study.passages)]
-    figures.distributions(time, curves, save=folder / "passages_in_time")
-    return Picture("passages_in_time", "Share of the runs that have passed, by the product-limit estimate, ± 2 errors.")
+    figure = figures.distributions(time, curves)
+    return Picture(
+        "passages_in_time", "Share of the runs that have passed, by the product-limit estimate, ± 2 errors.", figure
+    )
 
 
-def _times(study: ParameterStudy, number: int, filtered: bool, folder: Path) -> Picture:
+def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
     found, space = study.passages[number], study.runs.design.space
     rows = study.inside if filtered else np.ones(len(found), dtype=bool)
     points = np.asarray(found.design.values)[rows] / space.factors
     units = tuple(space.units.values())
     name = f"passages_{number + 1}_times{'_of_a_part' if filtered else ''}"
-    figures.times(points, space.names, units, found.time[rows], float(found.followed.max()), save=folder / name)
+    figure = figures.times(points, space.names, units, found.time[rows], float(found.followed.max()))
     which = f" of the runs with {_above(study)}" if filtered else ""
     caption = (
         f"First passage of {_limit(study, number)}{which} against each parameter. Runs without one are above the line."
     )
-    return Picture(name, caption)
+    return Picture(name, caption, figure)
 
 
-def _pairs(study: ParameterStudy, number: int, folder: Path) -> Picture:
+def _pairs(study: ParameterStudy, number: int) -> Picture:
     found, space = study.passages[number], study.runs.design.space
     points, name = np.asarray(found.design.values) / space.factors, f"passages_{number + 1}_pairs"
-    figures.pairs(points, space.names, tuple(space.units.values()), found.time, save=folder / name)
-    return Picture(name, f"First passage of {_limit(study, number)} over pairs of parameters.")
+    figure = figures.pairs(points, space.names, tuple(space.units.values()), found.time)
+    return Picture(name, f"First passage of {_limit(study, number)} over pairs of parameters.", figure)
 
 
-def _map(study: ParameterStudy, number: int, probability: PassageProbability, folder: Path) -> Picture:
+def _map(study: ParameterStudy, number: int, probability: PassageProbability) -> Picture:
     found, space = study.passages[number], study.runs.design.space
     names, points = coordinate_names(space), coordinates_of(space, found.design.values)
     first, second = study.leading_pair(number)
@@ -219,26 +220,26 @@ def _map(study: ParameterStudy, number: int, probability: PassageProbability, fo
         return probability.at_coordinates(where).reshape(x.shape)
 
     name = f"passages_{number + 1}_probability"
-    figures.probability_map(
+    figure = figures.probability_map(
         points[:, [first, second]] / scale[[first, second]], [names[first], names[second]],
         [units[first], units[second]], found.passed,
-        probability.at_coordinates(points), at, save=folder / name,
+        probability.at_coordinates(points), at,
     )  # fmt: skip
     caption = (
         f"Probability of passing {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} that "
         "separate the passages best; the others are at their medians. Right: mean probability of the runs, and share of passages "
         "among them, in forty parts of the first one."
     )
-    return Picture(name, caption)
+    return Picture(name, caption, figure)
 
 
-def _bars(study: ParameterStudy, folder: Path) -> Picture:
+def _bars(study: ParameterStudy) -> Picture:
     groups = [
         (label(f"largest {pretty(c)}", ""), s.first, s.total, s.first_error, s.total_error)
         for c, s in study.sensitivities.items()
     ]
-    figures.indices(study.runs.design.space.names, groups, save=folder / "sobol_indices")
-    return Picture("sobol_indices", "Sobol' indices, with 95 % intervals.")
+    figure = figures.indices(study.runs.design.space.names, groups)
+    return Picture("sobol_indices", "Sobol' indices, with 95 % intervals.", figure)
 
 
 SECTION = Section(

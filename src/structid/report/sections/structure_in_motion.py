@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 from structid.models.pictures import ModelPicture
 from structid.report.material import PosteriorMaterial
@@ -17,9 +16,8 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return [functools.partial(_drawn, each) for each in model.pictures(theta, record)]
 
 
-def _drawn(picture: ModelPicture, folder: Path) -> Picture:
-    picture.draw(folder / picture.name)
-    return Picture(picture.name, picture.caption, picture.is_film)
+def _drawn(picture: ModelPicture) -> Picture:
+    return Picture(picture.name, picture.caption, picture.draw())
 
 
 SECTION = Section("structure-in-motion", "The structure in motion", _drawings, nothing, under_doubt=NEAREST)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -63,25 +62,24 @@ def _tables(material: ProgrammeMaterial) -> list[Table]:
     return [Table("Posterior", (heads, rows))]
 
 
-def _loops(folder: Path, learnt: Learnt) -> Picture:
+def _loops(learnt: Learnt) -> Picture:
     values = np.asarray(learnt.observation.record.values)
     displacement = 1e3 * (values if values.ndim == 1 else values[:, 0])
     measured, model = 1e-3 * learnt.observation.values[:, 0], 1e-3 * learnt.fitted[:, 0]
-    loop_figure.loops((displacement, measured), (displacement, model), save=folder / "learnt_loops")
-    return Picture("learnt_loops", f"Loops to the end of test {learnt.from_test}, and of the most probable parameters.")
+    drawn = loop_figure.loops(learnt.observation.record.time, (displacement, measured), (displacement, model))
+    return Picture(
+        "learnt_loops", f"Loops to the end of test {learnt.from_test}, and of the most probable parameters.", drawn
+    )
 
 
-def _prediction(folder: Path, learnt: Learnt) -> Picture:
+def _prediction(learnt: Learnt) -> Picture:
     seen = learnt.prediction
     assert seen is not None
     low, high = (1e3 * edge for edge in np.quantile(seen.drifts, BAND, axis=0))
     happened = ("drift", seen.time[: len(seen.happened)], 1e3 * seen.happened)
-    figure.predicted_test(
-        seen.time, (low, high), happened, 1e3 * seen.peaks, 1e3 * seen.peak, "mm", save=folder / "predicted_test"
-    )
-    return Picture(
-        "predicted_test", f"Test {seen.name}: what was predicted from test {learnt.from_test}, and what happened."
-    )
+    drawn = figure.predicted_test(seen.time, (low, high), happened, 1e3 * seen.peaks, 1e3 * seen.peak, "mm")
+    said = f"Test {seen.name}: what was predicted from test {learnt.from_test}, and what happened."
+    return Picture("predicted_test", said, drawn)
 
 
 def _drawings(material: ProgrammeMaterial) -> list[Drawing]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -33,11 +32,11 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
     return [] if material.runs is None else [functools.partial(_overview, material.runs)]
 
 
-def _overview(runs: Runs, folder: Path) -> Picture:
-    runs.plot(folder / "runs")
+def _overview(runs: Runs) -> Picture:
     return Picture(
         "runs",
         "Left: the responses of the design; at each time the bands hold 50 and 90 % of the runs. Right: the design.",
+        runs.plot(),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-from pathlib import Path
 
 import numpy as np
 
@@ -20,21 +19,21 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     ]
 
 
-def _residual(residual: WhitenedResidual, suffix: str, folder: Path) -> Picture:
+def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
     name = f"residuals_{residual.channel}{suffix}"
-    figures.residuals(
+    figure = figures.residuals(
         np.arange(len(residual.autocorrelation)) * residual.dt,
         residual.autocorrelation,
         residual.bound,
         *residual.spectrum,
         residual.values,
-        save=folder / name,
     )
     return Picture(
         name,
         f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and law are "
         "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
         f"{_judged(residual)}.",
+        figure,
     )
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
+from structid.report.drawn import draw
 from structid.report.material import PosteriorMaterial, RunsMaterial
-from structid.report.page import draw, write_report, write_runs_report
+from structid.report.page import write_report, write_runs_report
 from structid.study.folder import FIGURES, POSTERIOR
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
@@ -35,9 +36,33 @@ def write_runs_page(found: Findings, place: Workplace) -> None:
 
 
 def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> None:
+    material = posterior_material(found, result, place)
+    with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
+        drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
+        result.to_netcdf(place.folder / POSTERIOR)
+    write_report(material, drawn, place.folder, place.timings.seconds)
+
+
+def posterior_material(found: Findings, result: SamplingResult, place: Workplace) -> PosteriorMaterial:
+    """Put together what a calibration leaves for its page.
+
+    Parameters
+    ----------
+    found : Findings
+        With draws.
+    result : SamplingResult
+        Those draws.
+    place : Workplace
+        Where the study is.
+
+    Returns
+    -------
+    PosteriorMaterial
+        For the sections of a page.
+    """
     study = found.study
     assert found.true_posterior is not None
-    material = PosteriorMaterial(
+    return PosteriorMaterial(
         title=study.file.title or study.file.name,
         settings=place.settings,
         runs=found.runs,
@@ -57,10 +82,6 @@ def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> No
         parameter_study=found.parameter_study,
         fragility=found.fragility,
     )
-    with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
-        drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
-        result.to_netcdf(place.folder / POSTERIOR)
-    write_report(material, drawn, place.folder, place.timings.seconds)
 
 
 def _has_something(found: Findings) -> bool:

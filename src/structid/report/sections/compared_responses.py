@@ -1,0 +1,36 @@
+"""Section of a comparison: what every class makes of the measurement."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from structid.figures import response as figures
+from structid.inference.assessment.prediction import Prediction
+from structid.report.comparison_material import ComparisonMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+from structid.units import factor
+
+
+def _drawings(material: ComparisonMaterial) -> list[Drawing]:
+    return [partial(_draw, material, column) for column in range(len(material.observation.channels))]
+
+
+def _draw(material: ComparisonMaterial, column: int) -> Picture:
+    observation = material.observation
+    channel = observation.channels[column]
+    unit = observation.channel_unit(channel).display
+
+    def edges(prediction: Prediction, discrepancy: bool) -> tuple[np.ndarray, np.ndarray]:
+        low, high = prediction.band(discrepancy=discrepancy)
+        return low[:, column] / factor(unit), high[:, column] / factor(unit)
+
+    inner, outer = ([edges(one.prediction, wide) for one in material.classes] for wide in (False, True))
+    measured = observation.values[:, column] / factor(unit)
+    figure = figures.side_by_side(observation.record.time, measured, inner, outer, material.names, channel, unit)
+    caption = f"Measured {channel} on {observation.record.name} around its peak, and what each class makes of it."
+    return Picture(f"predictions_{channel}", caption, figure)
+
+
+SECTION: Section[ComparisonMaterial] = Section("measured", "The measurement", _drawings, nothing)
