@@ -11,7 +11,7 @@ ONE_THREAD := OPENBLAS_NUM_THREADS=1
 # The slow tests, and the other interpreters, compile as users do.
 PLAIN_COMPILER := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 
-.PHONY: demo test test-slow lint format bench lock clean
+.PHONY: demo test test-slow docs package lint format bench lock clean
 
 demo: $(READY)
 	$(BIN)/structid demo --out demo
@@ -21,6 +21,17 @@ test: $(READY)
 
 test-slow: $(READY)
 	$(ONE_THREAD) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m slow
+
+# The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.
+docs: $(VENV)/ready-docs
+	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -b html docs docs/_build/html
+	$(BIN)/python docs/_ext/checked_links.py docs/_build/html
+
+# What a release publishes: source distribution, wheel, and a bill of materials (CycloneDX) of the lock.
+package: $(READY)
+	$(BIN)/pip install --quiet --disable-pip-version-check "cyclonedx-bom>=7"
+	rm -rf dist && $(BIN)/hatchling build
+	$(BIN)/cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --output-reproducible -o dist/structid.cdx.json
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
@@ -46,9 +57,15 @@ $(READY): pyproject.toml requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
 	touch $(READY)
 
+$(VENV)/ready-docs: $(READY) docs/requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r docs/requirements.lock
+	touch $@
+
 lock:
 	uv pip compile --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
 	  --group pyproject.toml:test --group pyproject.toml:lint --group pyproject.toml:build pyproject.toml -o requirements.lock
+	uv pip compile --universal --generate-hashes --no-emit-index-url --no-header --python-version 3.11 \
+	  --group pyproject.toml:docs --constraints requirements.lock -o docs/requirements.lock
 
 clean:
-	rm -rf $(VENV) demo demo.toml build
+	rm -rf $(VENV) demo demo.toml build dist docs/_build

@@ -32,7 +32,6 @@ def application() -> typer.Typer:
         To be called.
     """
     app = typer.Typer(
-        add_completion=False,
         no_args_is_help=True,
         pretty_exceptions_enable=False,
         help="Bayesian structural identification: from a measured response history to a posterior one can trust.",

@@ -67,7 +67,7 @@ def test_the_facade_is_certified_and_drawn(tmp_path):
     for title in ("The structure in motion", "Parameters and first passages", "Probability of failure"):
         assert f">{title}</h2>" in page
     assert "data:image/gif;base64," in page and "Posterior in the coordinates" in page
-    assert (tmp_path / "out" / "figures" / "wall_deformed.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "figures" / "wall_deformed.svg").stat().st_size > 10_000
 
 
 def test_the_real_record_study_builds(strong_motion):

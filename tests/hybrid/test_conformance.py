@@ -20,7 +20,7 @@ from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick
 SECRET = "a secret of both sides"
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[2] / "docs" / "reference"
 
 
 def checked(**settings):

@@ -41,3 +41,9 @@ def test_it_says_where_no_cache_can_be_kept(tmp_path, monkeypatch):
     (tmp_path / "structid").write_text("a file where the folder should be")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert "cannot be written: everything is compiled anew" in said(tmp_path)
+
+
+def test_it_names_the_font_and_what_brings_what_is_missing(tmp_path):
+    found = said(tmp_path)
+    assert "DejaVuSans" in found and "lacks" not in found
+    assert "distributed" in found and ("pip install 'structid[opensees]'" in found or "openseespy   3" in found)

@@ -189,7 +189,7 @@ def keys_of(section):
 
 @pytest.mark.parametrize("file", [study_file, programme_file])
 def test_the_page_on_study_files_names_every_key(file):
-    page = (Path(__file__).parents[2] / "docs" / "study_files.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "study_file.md").read_text()
     keys = set(keys_of(file()))
     assert len(keys) > 60
     missing = [key for key in sorted(keys) if not re.search(rf"\b{key}\b", page)]

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.certificate import Certificate
+from structid.inference.assessment.prediction import Prediction, first_that_takes, predict
 from structid.inference.assessment.representation import Representation
 from structid.inference.assessment.summary import Summary
 from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
-from structid.inference.sampling_result import SamplingResult
+from structid.inference.sampling_result import THINNED_DRAWS, SamplingResult
+from structid.notebook import ShownAsText
 from structid.runs import Runs
 from structid.surrogates.face import Surrogate
 
@@ -90,7 +94,7 @@ class Round:
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationResult:
+class CalibrationResult(ShownAsText):
     """A calibration and whether it may be believed.
 
     Parameters
@@ -215,6 +219,30 @@ class CalibrationResult:
         """Log Z of the true model, where the sampler knows that of the surrogate."""
         found = self.sampling.log_evidence
         return None if found is None else self.corrected(found)
+
+    def predict(
+        self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
+    ) -> Prediction:
+        """Predict, on the measured record or another one: by the surrogate if it takes the record, else by the model itself.
+
+        Parameters
+        ----------
+        record : Excitation, optional
+            Another record; the first measured one when left out.
+        channels : tuple of str, optional
+            What to predict; what was measured when left out.
+        **settings
+            ``draws``, ``seed``, ``progress``; see `prediction.predict`. The draws are the sampler's, which are not re-weighted.
+
+        Returns
+        -------
+        Prediction
+            Draws of the response with and without discrepancy, bands, peaks.
+        """
+        assert isinstance(self.sampling.target, Posterior)
+        theta = self.sampling.thinned(settings.pop("draws", THINNED_DRAWS))
+        by = first_that_takes(record, self.sampling.target, self.posterior)
+        return predict(by, theta, record, channels, drift=self.sampling.drift, **settings)
 
     def summary(self) -> Summary:
         """Give moments, quantiles and diagnostics as a table, re-weighted where the certificate asks for it.

@@ -11,22 +11,27 @@ from structid.commands.screen import screen
 from structid.cores import available_cores, cache_folder, cores_to_use
 
 OPTIONAL = {
-    "distributed": "runs on a Dask cluster",
-    "umbridge": "models behind a server",
-    "openseespy": "OpenSees models",
+    "distributed": ("dask", "runs on a Dask cluster"),
+    "umbridge": ("umbridge", "models behind a server"),
+    "openseespy": ("opensees", "OpenSees models"),
+    "uvicorn": ("live", "the live view of a hybrid test"),
 }
-"""Packages that are not required, and what they add."""
+"""Packages that are not required, the extra that brings each, and what it adds."""
+
+LETTERS = "αβγδζηνψλσ²³⁻ⁿ√±−"
+"""That figures and tables use."""
 
 
 def doctor() -> None:
-    """Say what runs here: versions, cores, the engine, caches, optional packages."""
+    """Say what runs here: versions, cores, the engine, caches, fonts, optional packages."""
     lines = {
         "structid": f"{version('structid')}, Python {platform.python_version()}",
         "cores": f"{cores_to_use()} used of {available_cores()} (JAX_NUM_CPU_DEVICES sets another number)",
         "engine": _engine(),
         "derivatives": _jax(),
         "caches": ", ".join(_cache(name) for name in ("lanes", "jax")),
-        **{package: f"{_installed(package)} ({adds})" for package, adds in OPTIONAL.items()},
+        "font": _font(),
+        **{package: f"{_installed(package, extra)} ({adds})" for package, (extra, adds) in OPTIONAL.items()},
     }
     for name, found in lines.items():
         screen.print(f"{name:<12} {found}", markup=False, soft_wrap=True)
@@ -62,8 +67,18 @@ def _short(folder: Path) -> str:
     return str(folder).replace(str(Path.home()), "~", 1)
 
 
-def _installed(package: str) -> str:
+def _font() -> str:
+    """The font of figures, and the letters that it lacks."""
+    from matplotlib import font_manager
+
+    path = font_manager.findfont(font_manager.FontProperties(family=["sans-serif"]))
+    known = font_manager.get_font(path).get_charmap()
+    lacking = "".join(letter for letter in LETTERS if ord(letter) not in known)
+    return Path(path).stem + (f", which lacks {lacking}" if lacking else "")
+
+
+def _installed(package: str, extra: str) -> str:
     try:
         return version(package)
     except PackageNotFoundError:
-        return "not installed"
+        return f"not installed: pip install 'structid[{extra}]'"

@@ -116,8 +116,10 @@ def finish(outcome: StudyOutcome) -> None:
         if outcome.runs is not None and not outcome.runs.done.any():
             raise CampaignStoppedError("No run is done: see structid runs DIR --failed.")
         return
-    summary = (outcome.calibration or outcome.result).summary()
-    screen.print(str(summary), markup=False, soft_wrap=True)
+    from structid.report.headline import headline
+
+    assert outcome.material is not None
+    screen.print(str(headline(outcome.material)), markup=False, soft_wrap=True)
     screen.print()
     if outcome.law_choice is not None:
         screen.print(outcome.law_choice.sentence, markup=False, soft_wrap=True)

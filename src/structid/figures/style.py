@@ -93,9 +93,10 @@ def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = 
         An empty figure.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width, height * rows), layout="constrained")
+    from structid.figures.shown_figure import ShownFigure
+
+    figure = ShownFigure(figsize=(width, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **settings)
 

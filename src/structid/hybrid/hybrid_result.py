@@ -25,6 +25,7 @@ from structid.hybrid.tracking import (
 )
 from structid.hybrid.unscented_filter import FilteredPath
 from structid.models.imposed_displacements import force_channels
+from structid.notebook import ShownAsText
 from structid.observation import Observation
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ class Tracking:
 
 
 @dataclass(frozen=True, eq=False)
-class HybridResult:
+class HybridResult(ShownAsText):
     """A hybrid test that has ended.
 
     Parameters

@@ -15,6 +15,7 @@ from structid.hybrid.hybrid_result import HybridResult
 from structid.hybrid.hybrid_test import NEVER_RESUMED, HybridTest
 from structid.hybrid.result_file import open_hybrid
 from structid.hybrid.specimen import SpecimenError
+from structid.notebook import ShownAsText
 from structid.observation import Observation
 
 Watching = Callable[[str, HybridTest], None]
@@ -62,7 +63,7 @@ def tests_in(folder: Path, ending: str = "") -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class ProgrammeResult:
+class ProgrammeResult(ShownAsText):
     """What a programme of hybrid tests leaves.
 
     Parameters

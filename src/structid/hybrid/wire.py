@@ -14,7 +14,7 @@ A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-en
 
 The tag's key is made of the shared secret for HELLO, WELCOME and what refuses them, and of the secret and both sides' nonces for
 the session that follows. A request of the session has the number of the one before plus one, from 1; its answer has the same. There
-is one answer to one request, and nothing else is obeyed. `docs/specimen_protocol.md` says it for writers of other clients.
+is one answer to one request, and nothing else is obeyed. `docs/reference/specimen_protocol.md` tells writers of other clients.
 """
 
 from __future__ import annotations

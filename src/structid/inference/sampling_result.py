@@ -406,7 +406,11 @@ class SamplingResult(ShownAsText):
             self.target.units,
         )
         if self._measured is not None:
-            groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
+            with warnings.catch_warnings():
+                warnings.simplefilter(
+                    "ignore", StructidWarning
+                )  # draws of the prior lie outside a surrogate's range, too
+                groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
             **LIBRARY,

@@ -72,7 +72,7 @@ class BoucWen(TraceableModel):
     `ForceHistory`, or `DisplacementHistory` (the displacement is imposed and the restoring force returned, without the
     viscous part). e_h + e_e is the energy *absorbed* by the spring per mass: the thesis calls it dissipated, but part of
     it is recoverable, and degradation driven by e_h can occur in elastic cycling. The law is
-    bounded-input-bounded-output stable for |γ| ≤ β, which is left to the study.
+    bounded-input-bounded-output stable for ``|γ| ≤ β``, which is left to the study.
 
     Every parameter is either given a number here or named in `free`.
 

@@ -9,6 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
+from structid.probability.numpyro_laws import distributions
+
 
 class Scatter(NamedTuple):
     """Standardised values b_k that scatter about another parameter: what matters is x_k = μ + d b_k.
@@ -84,7 +86,7 @@ class Bijection:
 
     @cached_property
     def _transforms(self) -> list[Any]:
-        from numpyro.distributions import biject_to, constraints
+        biject_to, constraints = distributions().biject_to, distributions().constraints
 
         def constraint(low: float, high: float) -> Any:
             if np.isfinite(low) and np.isfinite(high):

@@ -17,6 +17,7 @@ import numpy as np
 import scipy
 
 from structid.errors import InputError
+from structid.probability.numpyro_laws import distributions
 from structid.probability.quadrature import probability_nodes
 from structid.units import factor
 
@@ -186,9 +187,7 @@ class Marginal:
 
     @functools.cached_property
     def _numpyro(self) -> Any:
-        import numpyro.distributions
-
-        return getattr(numpyro.distributions, self.numpyro_name)(**self.numpyro_parameters)
+        return getattr(distributions(), self.numpyro_name)(**self.numpyro_parameters)
 
     def jax_log_density(self, x: Any) -> Any:
         """Log density inside JAX, with gradients.

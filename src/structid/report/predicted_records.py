@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
-from structid.inference.assessment.prediction import predict
+from structid.inference.assessment.prediction import first_that_takes, predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.report.material import PosteriorMaterial
 from structid.report.predicted_band import PredictedBand
@@ -61,12 +60,7 @@ class PredictedRecord:
     @cached_property
     def _posterior(self) -> Posterior:
         """The sampled posterior, or the model's own where the surrogate knows only its own records."""
-        posterior = self._material.posterior
-        try:
-            posterior.model.check_excitation(self.record)
-        except InputError:
-            return self._material.true_posterior
-        return posterior
+        return first_that_takes(self.record, self._material.posterior, self._material.true_posterior)
 
     @cached_property
     def band(self) -> PredictedBand:

@@ -10,7 +10,7 @@ import numpy as np
 
 from structid.inference.likelihood.posterior import Posterior
 from structid.streams import Purpose, derived_seed, stream
-from structid.units import si_unit
+from structid.units import factor, si_unit
 
 LIBRARY = {
     "inference_library": "structid",
@@ -59,9 +59,16 @@ def groups_of_draws(
 
 
 def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
-    """Variables of draws (chain, draw, parameter) in SI, each with its SI unit and the one in which it was declared."""
+    """Variables of draws (chain, draw, parameter) in SI: each with its unit, the one in which it was declared, and their ratio.
+
+    ``units`` is the netCDF convention's name, which xarray puts on axes.
+    """
     return {
-        name: (("chain", "draw"), draws[:, :, i], {"unit": si_unit(unit), "display_unit": unit})
+        name: (
+            ("chain", "draw"),
+            draws[:, :, i],
+            {"unit": si_unit(unit), "units": si_unit(unit), "display_unit": unit, "display_factor": factor(unit)},
+        )
         for i, (name, unit) in enumerate(units.items())
     }
 

@@ -15,6 +15,7 @@ from structid.errors import InputError
 from structid.inference.assessment.pareto_smoothing import smoothed_weights
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
+from structid.notebook import ShownAsText
 
 BLOCKS = 40
 """Stretches that a history is cut into."""
@@ -132,7 +133,7 @@ class ModelClass:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class Comparison(ShownAsText):
     """Model classes side by side.
 
     Parameters

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from structid.channels import ChannelUnit
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.band_scale import BandScale
 from structid.inference.assessment.error_growth import ErrorGrowth, error_growth
@@ -98,6 +99,31 @@ class Prediction:
         if self.peak_ratio is None or self.peak_share is None:
             return largest
         return np.asarray(largest * self.peak_ratio ** self.peak_share[:, None])
+
+
+def first_that_takes(record: Excitation | None, *posteriors: Posterior) -> Posterior:
+    """Choose the posterior by which to predict a record: a surrogate may know only the records that it was fitted to.
+
+    Parameters
+    ----------
+    record : Excitation or None
+        The record; None for the measured one.
+    *posteriors : Posterior
+        In the order in which they are preferred; the last takes any record.
+
+    Returns
+    -------
+    Posterior
+        The first whose model takes it.
+    """
+    for posterior in posteriors[:-1]:
+        try:
+            if record is not None:
+                posterior.model.check_excitation(record)
+        except InputError:
+            continue
+        return posterior
+    return posteriors[-1]
 
 
 def predict(

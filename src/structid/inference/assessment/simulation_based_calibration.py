@@ -22,6 +22,7 @@ from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Block
 from structid.inference.sampling.tempered import SMC
 from structid.models.face import Model, Progress
+from structid.notebook import ShownAsText
 from structid.streams import Purpose, stream
 from structid.units import label
 
@@ -43,7 +44,7 @@ FEWEST_REPLICAS = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Ranks:
+class Ranks(ShownAsText):
     """Outcome of a simulation-based calibration.
 
     Parameters

@@ -122,7 +122,7 @@ class Memory:
     """A signal with a long memory, made from another signal; terms may use it from lag 1 on.
 
     ``integral(s)``: m(t) = m(t−1) + ½ (s(t) + s(t−1)), divided by its standard deviation over the training runs.
-    ``hysteresis(s)``: Δm = Δs − b |Δs| m − g Δs |m|, the Bouc–Wen law, where Δs is the change of s over the last step. Its two
+    ``hysteresis(s)``: ``Δm = Δs − b |Δs| m − g Δs |m|``, the Bouc–Wen law, where Δs is the change of s over the last step. Its two
     shape parameters b and g are trained with the coefficients, and like them may depend on the parameters of the model.
 
     Parameters

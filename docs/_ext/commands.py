@@ -1,0 +1,60 @@
+"""A reference page of the command line, written from the commands themselves when the site is built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+from typer.testing import CliRunner
+
+from structid.cli import application
+from structid.commands.command_list import COMMANDS
+
+PAGE = "reference/names/command_line.md"
+
+HEAD = """# Command line
+
+Every command answers `--help`. Exit codes: 0 done, 1 failed, 2 the input is wrong, 3 done but not converged, or not certified.
+
+"""
+
+
+def write_page(app: Sphinx) -> None:
+    """Write the page.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+    """
+    runner = CliRunner(env={"COLUMNS": "100", "NO_COLOR": "1", "TERM": "dumb"})
+    program = application()
+    parts = [HEAD]
+    for command in COMMANDS:
+        name = command.__name__
+        said = runner.invoke(program, [name, "--help"]).output
+        text = "\n".join(line.rstrip() for line in said.strip("\n").splitlines())
+        parts.append(f"## structid {name}\n\n```text\n{text}\n```\n\n")
+    path = Path(app.srcdir) / PAGE
+    path.parent.mkdir(parents=True, exist_ok=True)
+    content = "".join(parts)
+    if not path.is_file() or path.read_text(encoding="utf-8") != content:
+        path.write_text(content, encoding="utf-8")
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the page when the building begins.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+
+    Returns
+    -------
+    dict
+        What Sphinx wants to know of an extension.
+    """
+    app.connect("builder-inited", write_page)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,123 @@
+"""A reference page for every public name, and an index by what they are for; both are written when the site is built."""
+
+from __future__ import annotations
+
+import enum
+import inspect
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import structid
+
+FOLDER = "reference/names"
+"""Where the pages go, below the documents."""
+
+TOPICS = {
+    "ground_motion": "Records and other excitations",
+    "observation": "Measurements",
+    "probability": "Parameters and priors",
+    "models": "Models",
+    "fem": "Masonry walls",
+    "solvers": "Your own solver",
+    "campaign": "Runs of a model",
+    "runs": "Runs of a model",
+    "histories": "Runs of a model",
+    "surrogates": "Surrogates",
+    "inference": "Posterior, laws of the errors, samplers, checks",
+    "calibration": "Certified calibration",
+    "reliability": "First passages and fragility",
+    "optimize": "Deterministic calibration",
+    "hybrid": "Hybrid tests",
+    "errors": "Errors and statuses",
+    "channels": "Channels and units",
+    "units": "Channels and units",
+}
+"""Rooms of the package, in the order of the index, and what they are called there. A room that is missing stops the building."""
+
+
+def _room(name: str) -> str:
+    return structid._PUBLIC.get(name, name).split(".")[0]
+
+
+def _names() -> list[str]:
+    return sorted(n for n in structid.__all__ if not n.startswith("_"))
+
+
+def _first_sentence(thing: Any) -> str:
+    said = inspect.getdoc(thing) or ""
+    return said.split("\n\n")[0].replace("\n", " ").replace("`", "``")
+
+
+def _directive(name: str, thing: Any) -> str:
+    if inspect.isclass(thing) and issubclass(thing, enum.Enum):
+        return f".. autoclass:: structid.{name}\n   :members:\n   :undoc-members:\n"
+    if inspect.isclass(thing):
+        return f".. autoclass:: structid.{name}\n   :members:\n   :inherited-members: object, Exception, Warning\n"
+    if inspect.ismodule(thing):
+        return f".. automodule:: structid.{name}\n   :members:\n   :imported-members:\n"
+    return f".. autofunction:: structid.{name}\n" if callable(thing) else f".. autodata:: structid.{name}\n"
+
+
+def _write(path: Path, content: str) -> None:
+    """Write a page unless it is there already, so that it is not read anew."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if not path.is_file() or path.read_text(encoding="utf-8") != content:
+        path.write_text(content, encoding="utf-8")
+
+
+def write_pages(app: Sphinx) -> None:
+    """Write all pages, and remove those of names that are no longer public.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+    """
+    folder = Path(app.srcdir) / FOLDER
+    names = _names()
+    by_topic: dict[str, list[str]] = {topic: [] for topic in TOPICS.values()}
+    for name in names:
+        by_topic[TOPICS[_room(name)]].append(name)
+        thing = getattr(structid, name)
+        title = f"structid.{name}"
+        _write(folder / f"{name}.rst", f"{title}\n{'=' * len(title)}\n\n{_directive(name, thing)}")
+    for page in set(folder.glob("*.rst")) - {folder / f"{name}.rst" for name in [*names, "index"]}:
+        page.unlink()
+    _write(folder / "index.rst", _index(by_topic))
+
+
+def _index(by_topic: dict[str, list[str]]) -> str:
+    lines = [
+        "Python",
+        "======",
+        "",
+        "Every public name, by what it is for: ``import structid as si``, then ``si.NAME``.",
+        "",
+    ]
+    for topic, names in by_topic.items():
+        if not names:
+            continue
+        lines += [topic, "-" * len(topic), "", ".. list-table::", "   :widths: 28 72", ""]
+        for name in names:
+            lines += [f"   * - :doc:`{name} <{name}>`", f"     - {_first_sentence(getattr(structid, name))}"]
+        lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {name}" for name in names), ""]
+    return "\n".join(lines)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Write the pages when the building begins.
+
+    Parameters
+    ----------
+    app : Sphinx
+        The application.
+
+    Returns
+    -------
+    dict
+        What Sphinx wants to know of an extension.
+    """
+    app.connect("builder-inited", write_pages)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
