@@ -30,6 +30,7 @@ extensions = [
     "commands",
     "project_pages",
     "public_names",
+    "study_keys",
 ]
 exclude_patterns = ["_build", "_ext", "requirements.lock"]
 suppress_warnings = ["myst.header"]  # pages that are also read where they lie begin as they like

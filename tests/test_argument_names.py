@@ -103,7 +103,8 @@ def test_results_in_a_notebook_and_as_tables(short_posterior):
     assert "unit" not in tree["log_likelihood"]["y"].attrs
     assert all(group.attrs["inference_library"] == "structid" for group in tree.subtree)
     for group in ("prior", "posterior"):
-        assert tree[group]["stiffness"].attrs == {"unit": "N/m", "display_unit": "kN/mm"}
+        said = {"unit": "N/m", "units": "N/m", "display_unit": "kN/mm", "display_factor": 1e6}
+        assert tree[group]["stiffness"].attrs == said
     assert tree["constant_data"]["excitation"].attrs["unit"] == "m/s**2"
     assert tree["posterior"].sizes == {"chain": 2, "draw": 200}  # particles of an ensemble, one after the other
     first = result.kept[:, 0, 0, 0]  # the moves of one particle

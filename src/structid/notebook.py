@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import html
+import io
+import sys
+from typing import Any
 
 
 class ShownAsText:
@@ -10,3 +13,28 @@ class ShownAsText:
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(str(self))}</pre>"
+
+
+def shown_as_pictures(figures: type[Any]) -> None:
+    """Let a notebook show matplotlib's figures as pictures, whether or not pyplot is in use there; nothing where there is none.
+
+    Parameters
+    ----------
+    figures : type
+        ``matplotlib.figure.Figure``.
+    """
+    running = sys.modules.get("IPython")
+    shell = None if running is None else running.get_ipython()
+    if shell is None:
+        return
+    pictures = shell.display_formatter.formatters["image/png"]
+    try:
+        pictures.lookup_by_type(figures)
+    except KeyError:
+        pictures.for_type(figures, _png)
+
+
+def _png(figure: Any) -> bytes:
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png", dpi=110)
+    return drawn.getvalue()

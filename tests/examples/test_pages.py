@@ -3,8 +3,10 @@
 `make docs` executes the examples and checks every link of what it has built.
 """
 
+import importlib
 import re
 import shlex
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -75,3 +77,30 @@ def test_links_lead_somewhere(page):
         if re.match(r"[a-z]+:", link) or not target or target.startswith(WRITTEN_BY_THE_BUILD):
             continue
         assert any((page.parent / f"{target}{ending}").exists() for ending in ("", ".md")), link
+
+
+def test_every_key_of_a_study_has_a_sentence_and_an_example(monkeypatch):
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    study_keys = importlib.import_module("study_keys")
+    assert study_keys.problems(DOCS / "reference" / "keys") == []
+    schema = study_keys.tables(study_keys.study_file())
+    assert len(schema) > 20 and ("record.synthetic", "") in schema and ("model", "bouc_wen") in schema
+
+
+def test_a_key_without_a_sentence_or_with_a_wrong_value_is_found(monkeypatch, tmp_path):
+    monkeypatch.syspath_prepend(DOCS / "_ext")
+    study_keys = importlib.import_module("study_keys")
+    keys = tmp_path / "keys"
+    shutil.copytree(DOCS / "reference" / "keys", keys)
+    record = keys / "study" / "02_record.toml"
+    text = record.read_text()
+    text = re.sub(r"^scale = .*\n", "", text, flags=re.M).replace('"20 Hz"', '"20 m"').replace("resample", "resampled")
+    record.write_text(text + "gap = 1.0\n")
+    found = "\n".join(study_keys.problems(keys))
+    for said in (
+        "RecordSection: scale has no example",
+        "lowpass = '20 m' is refused",
+        "does not know resampled",
+        "gap has no sentence",
+    ):
+        assert said in found

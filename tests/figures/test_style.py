@@ -1,5 +1,8 @@
 """Drawing: densities, powers of ten, files."""
 
+import sys
+import types
+
 import matplotlib
 import numpy as np
 import pytest
@@ -58,3 +61,15 @@ def test_a_far_draw_leaves_the_density_of_the_others_as_it_is():
     draws = np.append(np.random.default_rng(5).standard_normal(50_000), 1e5)
     points = np.linspace(-3.0, 3.0, 50)
     np.testing.assert_allclose(density(draws, points, -np.inf, np.inf), scipy.stats.norm.pdf(points), atol=0.02)
+
+
+def test_a_notebook_shows_a_figure_as_a_picture(monkeypatch):
+    known = {}
+    formatter = types.SimpleNamespace(lookup_by_type=known.__getitem__, for_type=known.__setitem__)
+    shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters={"image/png": formatter}))
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: shell))
+    figure, axes = canvas()
+    axes[0, 0].plot([0.0, 1.0])
+    assert known[type(figure)](figure).startswith(b"\x89PNG")
+    monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))
+    canvas()  # IPython is imported, and no notebook runs

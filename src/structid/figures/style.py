@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
+from structid.notebook import shown_as_pictures
 from structid.units import label
 
 if TYPE_CHECKING:
@@ -93,10 +94,10 @@ def canvas(rows: int = 1, columns: int = 1, height: float = 2.2, width: float = 
         An empty figure.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    from structid.figures.shown_figure import ShownFigure
-
-    figure = ShownFigure(figsize=(width, height * rows), layout="constrained")
+    shown_as_pictures(Figure)
+    figure = Figure(figsize=(width, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False, **settings)
 
