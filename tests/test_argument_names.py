@@ -92,7 +92,7 @@ def test_draws_that_no_machine_can_hold():
 def test_results_in_a_notebook_and_as_tables(short_posterior):
     result = si.sample(short_posterior, si.SMC(particles=40, ensembles=2, steps=5, effective_share=0.5), seed=1)
     for shown in (result.summary(), result.verdict(), short_posterior.space):
-        assert shown._repr_html_().startswith("<pre>") and "stiffness" in str(result.summary())
+        assert shown._repr_html_().startswith("<pre ") and "stiffness" in str(result.summary())
     table = result.summary().to_pandas()
     assert (
         list(table.index) == list(result.names) and table.loc["stiffness", "unit"] == result.target.units["stiffness"]

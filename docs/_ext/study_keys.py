@@ -211,8 +211,7 @@ def _parts(folder: Path) -> Iterator[str]:
     yield "# Keys of a study file\n\n"
     yield (
         "Every table with an example of each of its keys. No study has all of them: some stand in another's place. A number "
-        "without a unit is in SI (a prior's number is in the prior's `unit`); a text carries its own unit. Keys in **bold** must "
-        "be there; of the others the defaults are said.\n\n"
+        "without a unit is in SI (a prior's number is in the prior's `unit`); a text carries its own unit.\n\n"
     )
     for room, file in ROOMS.items():
         schema = tables(file())
@@ -223,20 +222,21 @@ def _parts(folder: Path) -> Iterator[str]:
             form = example.values.get("type", "")
             head = f"`[{example.head}]`" if example.head else "Beside the tables"
             yield f"### {head}{f' {form}' if form and example.head in ('model', 'structure') else ''}\n\n{example.about}.\n\n"
-            yield f"```toml\n{example.text}\n```\n\n"
+            yield f":::{{container}} keys\n```toml\n{example.text}\n```\n:::\n\n"
             yield f"{_defaults(section, example)}\n\n"
 
 
 def _defaults(section: type[Section], example: Example) -> str:
-    """The defaults of a table in a line."""
-    said = []
+    """Which keys of a table must be there, and the defaults of the others, in a line."""
+    needed, left_out = [], []
     for key in example.said:
         field = section.model_fields[key]
         if field.is_required():
-            said.append(f"**`{key}`**")
+            needed.append(f"`{key}`")
         elif field.default not in (None, PydanticUndefined, (), ""):
-            said.append(f"`{key}` {_in_words(field.default)}")
-    return f"Defaults: {', '.join(said)}." if said else "All may be left out."
+            left_out.append(f"`{key}` {_in_words(field.default)}")
+    said = [f"Must be there: {', '.join(needed)}."] if needed else []
+    return " ".join([*said, *([f"Defaults: {', '.join(left_out)}."] if left_out else [])]) or "All may be left out."
 
 
 def _in_words(value: Any) -> str:

@@ -12,7 +12,7 @@ class ShownAsText:
     """Something whose text is a table or a verdict: a notebook shows it as it is printed, in columns."""
 
     def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(str(self))}</pre>"
+        return f'<pre style="font-size: 0.85em; overflow-x: auto">{html.escape(str(self))}</pre>'
 
 
 def shown_as_pictures(figures: type[Any]) -> None:
