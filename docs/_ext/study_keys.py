@@ -1,8 +1,8 @@
 """The reference of study files: the schema says what every key may be, and annotated examples say what it means.
 
-Each file of ``reference/keys`` is one table of a study, or of a programme of hybrid tests. A first comment says what the table is
-for, and every key has a line with a value and a sentence. A key of the schema that has no such line, and a line that the schema does
-not know, stop the building.
+Each file of ``reference/keys`` is one table of a study, or of a programme of hybrid tests. A first comment says what the table
+is for, and every key has a line with a value and a sentence. A key of the schema that has no such line, and a line that the
+schema does not know, stop the building.
 """
 
 from __future__ import annotations
