@@ -30,6 +30,7 @@ TOPICS = {
     "reliability": "First passages and fragility",
     "optimize": "Deterministic calibration",
     "hybrid": "Hybrid tests",
+    "progress_bars": "In a notebook",
     "errors": "Errors and statuses",
     "channels": "Channels and units",
     "units": "Channels and units",

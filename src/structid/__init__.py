@@ -71,6 +71,7 @@ _PUBLIC = {
     "ProgramModel": "solvers.program",
     "Programme": "hybrid.programme",
     "ProgrammeResult": "hybrid.programme",
+    "ProgressBars": "progress_bars",
     "RemoteSpecimen": "hybrid.remote",
     "RotationHistory": "ground_motion.excitation",
     "Runs": "runs",

@@ -76,6 +76,7 @@ from structid.probability.marginals import Normal as Normal
 from structid.probability.marginals import Uniform as Uniform
 from structid.probability.marginals import Weibull as Weibull
 from structid.probability.space import ParameterSpace as ParameterSpace
+from structid.progress_bars import ProgressBars as ProgressBars
 from structid.reliability.first_passage import first_passage as first_passage
 from structid.reliability.fragility import fragility as fragility
 from structid.reliability.parameter_study import parameter_study as parameter_study

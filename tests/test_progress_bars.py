@@ -1,0 +1,29 @@
+"""Progress bars: one for each step, started anew when the step is."""
+
+import structid as si
+
+
+def test_every_step_has_a_bar_and_a_round_begins_anew(capsys):
+    with si.ProgressBars() as bars:
+        for done in (1, 2):
+            bars("true runs", done, 2)
+        bars("sampling", 50, 100)
+        bars("true runs", 1, 4)
+        assert {name: (bar.n, bar.total) for name, bar in bars._bars.items()} == {
+            "true runs": (1, 4),
+            "sampling": (50, 100),
+        }
+    shown = capsys.readouterr().err
+    assert "true runs" in shown and "2/2" in shown and "sampling" in shown and not bars._bars
+
+
+def test_failures_are_counted(capsys):
+    with si.ProgressBars() as bars:
+        bars(3, 3, 1)
+    assert "1 failed" in capsys.readouterr().err
+
+
+def test_it_is_what_sample_and_campaigns_take(capsys, short_posterior):
+    with si.ProgressBars() as bars:
+        si.sample(short_posterior, si.AIES(walkers=12, steps=10), seed=1, progress=bars)
+    assert "100%" in capsys.readouterr().err
