@@ -22,6 +22,9 @@ NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""
 
 
+SAME_STEP = 1e-6
+"""Relative difference of two time steps that are the same."""
+
 ROUNDED = 5e-4
 """Of the peak: measurements that differ by less are one and the same."""
 
@@ -103,9 +106,9 @@ class Observation:
                 where,
                 f"{len(values)} samples, and the record has {len(self.record)}",
                 "as many samples as the record",
-                "Trim or resample the one to the other.",
+                self._cure(len(values)),
             )
-        if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > 1e-6:
+        if self.dt is not None and abs(self.dt / self.record.dt - 1.0) > SAME_STEP:
             raise InputError(
                 where,
                 f"a time step of {self.dt:g} s, and the record has {self.record.dt:g} s",
@@ -126,6 +129,22 @@ class Observation:
         object.__setattr__(self, "channels", channels)
         if self.sd is not None:
             object.__setattr__(self, "sd", _checked_sd(self.sd, values.shape, where))
+
+    def _cure(self, samples: int) -> str:
+        """What to do where the measurement has another number of samples than the record."""
+        record = self.record
+        if self.dt is not None and abs(self.dt / record.dt - 1.0) > SAME_STEP:
+            return (
+                f"It was measured every {self.dt:g} s, and the record has a value every {record.dt:g} s: bring the record to its "
+                f'step by resample = "{self.dt:g} s" in [record], or record.resample({self.dt:g}).'
+            )
+        longer = (samples - len(record)) * record.dt
+        if longer > 0.0:
+            return (
+                f"It is {longer:.6g} s longer than the record. If its clock began before the record does, say by how much: "
+                "time_shift; what is left over at its end is cut."
+            )
+        return f"It is {-longer:.6g} s shorter than the record. End the record with it: trim."
 
     @classmethod
     def read(
@@ -322,7 +341,7 @@ class Observation:
 
 def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.ndarray, where: str) -> np.ndarray:
     """Columns at the record's samples, from columns whose first line is at some time of the record."""
-    if abs(dt / record.dt - 1.0) > 1e-6:
+    if abs(dt / record.dt - 1.0) > SAME_STEP:
         return values  # refused with its reason where the observation is made
     first, last, wanted = start, start + dt * (len(values) - 1), record.dt * (len(record) - 1)
     if first > 1e-3 * dt or last < wanted - 1e-3 * dt:

@@ -31,6 +31,8 @@ class ValuesAtDraws(DrawnLaw):
         Source of randomness.
     """
 
+    subject = "of a density that is known at the draws alone"
+
     def __init__(self, posterior: Target, draws: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> None:
         super().__init__(posterior, draws)
         flat = np.asarray(values, dtype=np.float64).ravel()

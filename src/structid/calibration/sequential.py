@@ -231,6 +231,7 @@ class _Loop:
     def _first_runs(self) -> None:
         """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others."""
         self.true.make()
+        self.true.refuse_hopeless()
         while self._room(len(self.true)) and not self._fit_for_a_surrogate():
             failed = int((~self.true.finished).sum())
             count = len(self.true) + min(failed, self._left(len(self.true)))

@@ -11,7 +11,7 @@ import numpy as np
 
 from structid.campaign.runner import Campaign
 from structid.campaign.store import CALIBRATION_RUNS
-from structid.errors import InputError, Status
+from structid.errors import CampaignStoppedError, InputError, Status
 from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
 from structid.runs import Runs
@@ -83,6 +83,22 @@ class TrueRuns:
     def _told(self, ended: int, total: int, _failed: int) -> None:
         if self.tell is not None:
             self.tell("true runs", ended, total)
+
+    def refuse_hopeless(self) -> None:
+        """Stop where none of the first runs has finished: the others would fail for the same reason.
+
+        Raises
+        ------
+        CampaignStoppedError
+            If all of them failed, and not because the structure did.
+        """
+        if self.runs.done.any() or (self.runs.status == Status.STRUCTURE_FAILED).any():
+            return
+        reason, _ = self.runs.failures[0]
+        raise CampaignStoppedError(
+            f"None of the first {len(self.runs)} runs of the model has finished. Mostly: {reason} Mend the model, try it by "
+            "structid check, and begin anew in another folder."
+        )
 
     def refuse_rest(self) -> None:
         """Refuse a model whose responses do not move: nothing can be learnt from them.

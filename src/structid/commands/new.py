@@ -16,7 +16,7 @@ def new(
     name: Annotated[str, typer.Argument(help="Name of the study; NAME.toml is written here.")],
     like: Annotated[
         str, typer.Option(help=f"Which packaged study to start from: {', '.join(TEMPLATES)}.")
-    ] = "bouc_wen",
+    ] = "measured",
 ) -> None:
     """Write a study file to start from."""
     check_choice("--like", like, TEMPLATES)

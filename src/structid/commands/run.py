@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 def run(
     study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
-    out: Annotated[Path, typer.Option(help="Folder for everything it makes.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for everything it makes; the file's name without ending where it is left out."),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue with what is in that folder.")] = False,
     executor: Annotated[
         str,
@@ -34,7 +37,7 @@ def run(
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
-    run_on_screen(study, out, resume, executor, retry, adopt)
+    run_on_screen(study, Path(study.stem) if out is None else out, resume, executor, retry, adopt)
 
 
 def run_on_screen(

@@ -74,7 +74,7 @@ def loops(
         axis.set_xlabel("displacement [mm]")
     axes[0, 0].set_ylabel("restoring force [kN]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncol=len(labels) or 1)
+    figure.legend(handles, labels, loc="outside upper center", ncol=2 if measured is None else len(labels) or 1)
     return finish(figure, title, save)
 
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from structid.figures.style import WIDTH
 from structid.figures.vector import Panel
 from structid.journal import write_then_rename
 from structid.models.face import Progress
@@ -32,6 +33,8 @@ class DrawnPicture:
         What there is to see, for somebody who does not see it.
     panels : str
         JSON of the panels from which values can be read off; an empty list for a film.
+    share : float
+        Of a full figure's width.
     """
 
     name: str
@@ -39,6 +42,7 @@ class DrawnPicture:
     source: str
     alternative: str
     panels: str
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,8 @@ def _written(picture: Picture, begun: Future[Rendered] | None, renderer: Rendere
     content, found = renderer.end(picture.drawn, begun)
     write_then_rename(folder / f"{picture.name}.svg", content.encode())
     told = json.dumps([asdict(panel) for panel in found])
-    return DrawnPicture(picture.name, picture.caption, _url("svg+xml", content.encode()), _in_words(found), told)
+    share = min(1.0, round(float(picture.drawn.get_figwidth()) / WIDTH, 3))
+    return DrawnPicture(picture.name, picture.caption, _url("svg+xml", content.encode()), _in_words(found), told, share)
 
 
 def _url(kind: str, content: bytes) -> str:

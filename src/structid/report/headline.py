@@ -13,6 +13,7 @@ from structid.notebook import ShownAsText
 from structid.report.comparison_material import ComparedClass, ComparisonMaterial
 from structid.report.learnt_parameters import LITTLE, LearntParameter, learnt_parameters
 from structid.report.material import PosteriorMaterial
+from structid.report.tables import percent
 
 Trust = Literal["good", "doubtful", "bad"]
 """How far a reader may rely on something."""
@@ -193,7 +194,7 @@ def _model(material: PosteriorMaterial) -> list[Believed]:
     verdict = material.result.verdict()
     if not verdict.converged:
         return []
-    left = f"its best prediction leaves {100 * verdict.unexplained:.2g} % of the measured variance"
+    left = f"its best prediction leaves {percent(verdict.unexplained)} of the measured variance unexplained"
     if verdict.wrong_model:
         return [Believed("Model", "bad", f"wrong for these data; {left}")]
     if verdict.wrong_law:
@@ -206,7 +207,7 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
     if not material.result.verdict().converged:
         return []
     said = []
-    little = [pretty(p.name) for p in parameters if p.narrowed < LITTLE]
+    little = [pretty(p.name) for p in _hardly_known(parameters)]
     if little:
         said.append(
             f"The data say little of {_listed(little)}: what is known of {'it' if len(little) == 1 else 'them'} is in the prior."
@@ -235,19 +236,22 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
     if calibration is not None and not (calibration.certificate.usable or exact):
         enough = calibration.enough_to_go_on
         return [f"Allow more runs of the model: true_runs = {enough} or more, and run it again with --resume."]
-    said = []
+    # A prior that the data contradict comes before everything else that may be wrong.
+    said = [f"{warned[:1].upper()}{warned[1:]}. {_cure_of(warned)}" for warned in verdict.warnings if "prior" in warned]
     if verdict.wrong_model:
         said.append(
-            "Do not take these parameters for those of the structure. Give the model what it lacks (degradation, pinching, another "
-            "joint law), calibrate that to the same measurement, and see which one the data favour: structid compare."
+            "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "
+            "yield, degradation, pinching, an offset of the instrument), calibrate that to the same measurement, and see which one "
+            "the data favour: structid compare FIRST SECOND --out comparison."
         )
         if any(p.elsewhere is not None for p in parameters):
             said.append("Until then use the intervals for another record; they allow for what the model lacks.")
     elif verdict.wrong_law:
         said.append("Let the data choose the law of the errors: leave [discrepancy] out of the study.")
-    if any(p.narrowed < LITTLE for p in parameters):
+    if _hardly_known(parameters):
         said.append(
-            "For what the data say little of, measure another channel or a stronger motion, or take its prior from tests."
+            "To learn more of what the data say little of, measure another channel or a stronger motion, or take its prior "
+            "from tests."
         )
     if not said:
         said.append("Use it: predict what other records do to the structure, with [[prediction.records]] in the study.")
@@ -255,6 +259,22 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
             "If there is another measurement, add it as a further [[observation]], or see whether it is predicted."
         )
     return said
+
+
+def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
+    """Parameters of which the posterior is about what the prior was; one that the data have moved is not among them."""
+    return [
+        p
+        for p in parameters
+        if p.prior[1] - p.prior[0] < LITTLE * (p.interval[1] - p.interval[0]) and p.prior[0] <= p.mean <= p.prior[1]
+    ]
+
+
+def _cure_of(warned: str) -> str:
+    """What to do where prior and data disagree."""
+    if "bound of its prior" in warned:
+        return "Widen the prior if the structure may be beyond it, and run again."
+    return "Look whether the prior, the units or the model are right, and run again."
 
 
 def _listed(names: list[str]) -> str:

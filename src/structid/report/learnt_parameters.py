@@ -64,8 +64,8 @@ class LearntParameter:
 
     @property
     def narrowed(self) -> float:
-        """How many times narrower the interval is than the prior's."""
-        return (self.prior[1] - self.prior[0]) / max(self.honest[1] - self.honest[0], np.finfo(np.float64).tiny)
+        """How many times narrower the interval is than the prior's, given the model."""
+        return (self.prior[1] - self.prior[0]) / max(self.interval[1] - self.interval[0], np.finfo(np.float64).tiny)
 
     @property
     def holds_truth(self) -> bool | None:
@@ -95,14 +95,14 @@ class LearntParameter:
 
     @property
     def bar(self) -> dict[str, float]:
-        """Places in a bar that spans the prior's interval, widened to hold everything [%]: prior, interval and truth."""
-        inside = [*self.prior, *self.honest, *([] if self.truth is None else [self.truth])]
+        """Places in a bar that spans the prior's interval, widened to hold everything [%]: prior, both intervals and truth."""
+        inside = [*self.prior, *self.interval, *self.honest, *([] if self.truth is None else [self.truth])]
         first, span = min(inside), max(inside) - min(inside)
 
         def place(value: float) -> float:
             return round(100.0 * (value - first) / span, 2)
 
-        ends = {"prior": self.prior, "interval": self.honest}
+        ends = {"prior": self.prior, "interval": self.interval, "honest": self.honest}
         places = {
             f"{name}_{end}": place(pair[k]) for name, pair in ends.items() for k, end in enumerate(("low", "high"))
         }

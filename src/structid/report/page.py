@@ -21,7 +21,7 @@ from structid.report.headline import comparison_headline, headline
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.programme_material import ProgrammeMaterial
 from structid.report.section import NEAREST
-from structid.report.tables import versions_table
+from structid.report.tables import percent, versions_table
 
 PAGE = "report.html"
 """File of a report."""
@@ -68,6 +68,7 @@ def write_report(
         has_truth=bool(material.true_values),
         parameters=material.posterior.names,
         exp=np.exp,
+        percent=percent,
         main=posterior_table(material),
         sections=_shown(drawn, material, material.result.verdict().converged),
         settings=material.settings,

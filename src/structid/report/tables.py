@@ -37,6 +37,23 @@ def number(value: float, error: float | None = None) -> str:
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
 
 
+def percent(share: float) -> str:
+    """A share in per cent, with two digits.
+
+    Parameters
+    ----------
+    share : float
+        The share.
+
+    Returns
+    -------
+    str
+        Such as ``"0.24 %"`` or ``"130 %"``.
+    """
+    value = 100.0 * share
+    return f"{value:.0f} %" if abs(value) >= 10.0 else f"{value:.2g} %"
+
+
 def in_display_unit(value: float, channel: str) -> str:
     """A value of a channel with its unit.
 

@@ -19,6 +19,8 @@ from structid.study.stages.law_of_errors import sampler_under
 
 USUAL_ROUNDS = 6
 """Rounds that a calibration of the benchmark study takes."""
+CHEAP = 1e-3
+"""Seconds of a run below which no surrogate is needed."""
 SLOW = 20.0
 """Seconds of a batch, beyond which it is timed once."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
@@ -78,6 +80,11 @@ class Cost:
         """In all [s]."""
         return sum(part.seconds for part in self.parts)
 
+    @property
+    def _each(self) -> float:
+        """Seconds of a run of the model, in a batch."""
+        return next((part.seconds / part.runs for part in self.parts if part.runs), float("inf"))
+
     def __str__(self) -> str:
         lines = []
         for part in self.parts:
@@ -88,6 +95,11 @@ class Cost:
         if self.otherwise is not None:
             lines.append(
                 f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead."
+            )
+        if self.plan is not None and self._each < CHEAP:
+            lines.append(
+                f'A run takes {1e3 * self._each:.2g} ms, so that the model itself can be sampled: with kind = "none" in '
+                "[surrogate], and without [calibration], there is nothing to certify."
             )
         if self.batch == 1:
             lines.append(

@@ -6,11 +6,12 @@ import json
 import shutil
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from structid.campaign.store import CALIBRATION_FINISHED, CALIBRATION_FOLDER, CAMPAIGN_RUNS
-from structid.errors import InputError, undamaged
+from structid.errors import InputError, StoreMismatchError, undamaged
 from structid.journal import compare_identity, differences, write_then_rename
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
@@ -189,6 +190,24 @@ def claim(folder: Path, study: BuiltStudy, path: Path, resume: bool, adopt: bool
         "study": study.identity, "name": study.file.name, "inputs": inputs, "folder": str(study.folder),
     }  # fmt: skip
     write_then_rename(told, json.dumps(identity, indent=2).encode())
+
+
+@contextmanager
+def left_as_it_was(folder: Path) -> Iterator[None]:
+    """Put back what identifies a folder's study, if stores in it turn out to belong to another one.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder, before it is claimed.
+    """
+    kept = {name: (folder / name).read_bytes() for name in (IDENTITY, STUDY) if (folder / name).is_file()}
+    try:
+        yield
+    except StoreMismatchError:
+        for name, content in kept.items():
+            write_then_rename(folder / name, content)
+        raise
 
 
 def _keep_inputs(study: BuiltStudy, folder: Path) -> dict[str, str]:

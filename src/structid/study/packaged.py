@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import resources
 
-STUDIES = ("bouc_wen", "shear_frame", "facade", "external")
+STUDIES = ("measured", "bouc_wen", "shear_frame", "facade", "external")
 """Calibrations, for structid run."""
 
 PROGRAMMES = ("hybrid", "hybrid_facade")

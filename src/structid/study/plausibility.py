@@ -18,8 +18,8 @@ from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import factor
 
-WRONG_BY = 10.0
-"""Ratio of peaks beyond which a unit is likely to be wrong."""
+WRONG_BY = 8.0
+"""Ratio of peaks beyond which a unit is likely to be wrong: g for m/s² is a factor of 9.8."""
 
 OUT_OF_TUNE = 3.0
 """The same of main frequencies: nine times the stiffness, or the mass."""
@@ -164,7 +164,8 @@ class _Pair:
         found = []
         if max(self._peaks) > WRONG_BY * min(self._peaks):
             found.append(
-                f"The {self.channel} of model and measurement differ by more than ten times. Are all units right?"
+                f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
+                "right, and a number without a unit in SI?"
             )
         low, high = sorted(self._frequencies)
         if high > OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
@@ -194,8 +195,8 @@ class _Pair:
         seconds = shift * self.record.dt
         return [
             f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
-            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? 'time_shift' "
-            "moves it, and may have a prior."
+            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
+            f"'time_shift' says what it shows then: {seconds:+.3g} s more than now, or a prior about that."
         ]
 
 

@@ -22,7 +22,7 @@ from structid.runs import Runs
 from structid.study import stage_list
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
-from structid.study.folder import SCRATCH, SURROGATE, claim, rebuilt, stored_study
+from structid.study.folder import SCRATCH, SURROGATE, claim, left_as_it_was, rebuilt, stored_study
 from structid.study.schema.study_file import StudyFile, read_study
 from structid.study.stages.report_page import posterior_material
 from structid.study.stages.stage import Findings, Workplace
@@ -137,7 +137,10 @@ def run_study(
     """
     study = load(path) if built is None else built
     folder = Path(out)
-    with kept_open(study.model, executor) as workers:  # a missing executor is reported before a folder is taken
+    with (
+        left_as_it_was(folder),
+        kept_open(study.model, executor) as workers,
+    ):  # a missing executor is reported before a folder is taken
         claim(folder, study, Path(path), resume or retry or adopt, adopt)
         place = Workplace(folder, stage, workers, retry, adopt)
         return _work(study, place)

@@ -90,7 +90,7 @@ def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
             not study.has_surrogate,
             "table 'calibration'",
             "no kind of [surrogate]",
-            f"a surrogate such as '{DEFAULT.word}'",
+            f"a surrogate such as '{DEFAULT.word}', or no [calibration] where the model itself is sampled",
         ),
         (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
         (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
