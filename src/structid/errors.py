@@ -117,7 +117,9 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
         for name in named:
             if not open_ended and name not in parameters:
                 cure = suggestion(name, known)
-                raise InputError(f"{called}({name})", "an argument that it does not have", ", ".join(known), cure)
+                raise InputError(
+                    f"{called}({name})", "an argument that it does not have", ", ".join(known) or "none", cure
+                )
         for name, value in (*zip(in_order, arguments, strict=False), *named.items()):
             if isinstance(value, str) and name in numbers:
                 cure = f"Write it without quotes. help({called}) says in which unit."

@@ -5,7 +5,10 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Any
 
+from structid.errors import names_checked
 
+
+@names_checked
 class ProgressBars:
     """Bars for what takes long, in a notebook or a terminal; to be given as ``progress``, and used as a context.
 

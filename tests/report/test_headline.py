@@ -14,8 +14,8 @@ SPACE = si.ParameterSpace(
 
 
 def material(
-    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), certificate=None, surrogate=None,
-    cost=None,
+    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), warnings=(),
+    certificate=None, surrogate=None, cost=None,
 ):  # fmt: skip
     """What a calibration leaves, as far as the first screen looks at it; numbers in display units."""
     rng = np.random.default_rng(1)
@@ -25,7 +25,9 @@ def material(
     columns = {"mean": draws.mean(axis=0), "sd": draws.std(axis=0), "q05": low, "q95": high}
     if elsewhere is not None:
         columns["sd_elsewhere"] = np.array(elsewhere)
-    verdict = SimpleNamespace(converged=converged, wrong_model=wrong_model, wrong_law=wrong_law, unexplained=0.01)
+    verdict = SimpleNamespace(
+        converged=converged, wrong_model=wrong_model, wrong_law=wrong_law, warnings=warnings, unexplained=0.01
+    )
     return SimpleNamespace(
         result=SimpleNamespace(verdict=lambda: verdict, cost=cost),
         calibration=None if certificate is None else SimpleNamespace(certificate=certificate, enough_to_go_on=400),
@@ -108,6 +110,24 @@ def test_what_the_data_do_not_say():
 def test_a_law_that_is_wrong_is_a_doubt():
     found = headline(material(wrong_law=("the residuals are correlated",)))
     assert found.trust == "doubtful" and "discrepancy" in found.further[0]
+
+
+def test_a_prior_that_the_data_contradict_comes_first():
+    rng = np.random.default_rng(3)
+    draws = rng.normal([7.6, 0.6, 50.5], [0.05, 0.06, 0.2], (4000, 3))
+    bound = "the posterior of beta sits on the lower bound of its prior: the data would go further"
+    tail = "the posterior of alpha lies in the far tail of its prior (at probability 1): prior and data disagree"
+    found = headline(material(draws, warnings=(bound, tail), wrong_model=("It drifts.",)))
+    assert found.further[0].startswith("The posterior of beta") and "Widen the prior" in found.further[0]
+    assert found.further[1].startswith("The posterior of alpha") and "Do not take" in found.further[2]
+    # As wide as its prior, and far from it: the data say a lot.
+    assert not any("say little" in said for said in found.unsaid)
+
+
+def test_the_best_prediction_may_be_worse_than_none():
+    given = material()
+    given.result.verdict().unexplained = 1.3
+    assert "leaves 130 % of the measured variance unexplained" in headline(given).believed[-1].said
 
 
 def compared(*classes):

@@ -41,7 +41,7 @@ def test_what_is_right_is_in_order_and_every_quantity_is_echoed(study):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda v: 100.0 * v, "differ by more than ten times"),
+        (lambda v: 100.0 * v, "times the measured one. Are all units right"),
         (lambda v: v + 5.0 * np.abs(v).max(), "Is it an offset of the instrument"),
         (
             lambda v: np.interp(np.arange(len(v)) / 6.0, np.arange(len(v)), v),

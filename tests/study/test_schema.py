@@ -25,6 +25,14 @@ def small(tmp_path):
 
 @pytest.mark.parametrize("name", packaged.STUDIES)
 def test_every_packaged_study_builds(name, tmp_path):
+    if name == "measured":  # which reads a user's own files
+        record = si.GroundMotion.synthetic(seed=3, duration=8.0)
+        for file, values in (("MY_RECORD.AT2", record.values / 9.80665), ("MY_TOP.csv", 10.0 * record.values)):
+            head = f"PEER\nMADE\nACCELERATION TIME SERIES IN UNITS OF G\nNPTS= {len(record)}, DT= {record.dt} SEC\n"
+            rows = "\n".join(
+                f"{t:.3f}, {v:.6f}" if "csv" in file else f"{v:.7E}" for t, v in zip(record.time, values, strict=True)
+            )
+            (tmp_path / file).write_text(("" if "csv" in file else head) + rows + "\n")
     content = tomllib.loads(packaged.template(name))
     if name in packaged.SOLVERS:
         (tmp_path / packaged.SOLVERS[name]).write_text(packaged.template(packaged.SOLVERS[name]))
