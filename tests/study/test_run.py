@@ -146,7 +146,7 @@ def test_check_says_the_cost_and_new_writes_a_study(small, tmp_path):
         (["check", "nowhere.toml"], "no such file"),
         (["report", "."], "no finished study"),
         (["run", "nowhere.toml", "--out", "o"], "no such file"),
-        (["run"], "STUDY"),
+        (["run"], "Missing argument"),
         (["fly"], "fly"),
         (["new", "nodir/x"], "nodir"),
         (["new", "x", "--like", "bouc_when"], "Did you mean 'bouc_wen'"),
