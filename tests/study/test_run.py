@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from commands import structid
+from structid.errors import StoreMismatchError
 from structid.study import packaged
+from structid.study.folder import IDENTITY, STUDY, left_as_it_was
 from structid.study.run import load, report_again, run_study
 from studies import SMALL, without_pages
 
@@ -165,3 +167,15 @@ def test_a_folder_with_something_else_is_left_alone(small, tmp_path):
     done = structid("run", small, "--out", "mine", cwd=tmp_path)
     assert done.returncode == 2 and "not empty" in done.stderr
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.txt"]
+
+
+def test_a_folder_whose_stores_refuse_is_left_as_it_was(tmp_path):
+    for name in (IDENTITY, STUDY):
+        (tmp_path / name).write_text("before")
+    with pytest.raises(StoreMismatchError), left_as_it_was(tmp_path):
+        (tmp_path / IDENTITY).write_text("after")
+        raise StoreMismatchError("store", "of another study", "this one")
+    assert (tmp_path / IDENTITY).read_text() == (tmp_path / STUDY).read_text() == "before"
+    with left_as_it_was(tmp_path):
+        (tmp_path / IDENTITY).write_text("after")
+    assert (tmp_path / IDENTITY).read_text() == "after"
