@@ -27,10 +27,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "formulas",
-    "commands",
-    "project_pages",
-    "public_names",
-    "study_keys",
+    "written_pages",
 ]
 exclude_patterns = ["_build", "_ext", "requirements.lock"]
 suppress_warnings = ["myst.header"]  # pages that are also read where they lie begin as they like

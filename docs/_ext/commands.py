@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
+from page_file import write_page_file
 from sphinx.application import Sphinx
 from typer.testing import CliRunner
 
@@ -36,25 +36,4 @@ def write_page(app: Sphinx) -> None:
         said = runner.invoke(program, [name, "--help"]).output
         text = "\n".join(line.rstrip() for line in said.strip("\n").splitlines())
         parts.append(f"## structid {name}\n\n```text\n{text}\n```\n\n")
-    path = Path(app.srcdir) / PAGE
-    path.parent.mkdir(parents=True, exist_ok=True)
-    content = "".join(parts)
-    if not path.is_file() or path.read_text(encoding="utf-8") != content:
-        path.write_text(content, encoding="utf-8")
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the page when the building begins.
-
-    Parameters
-    ----------
-    app : Sphinx
-        The application.
-
-    Returns
-    -------
-    dict
-        What Sphinx wants to know of an extension.
-    """
-    app.connect("builder-inited", write_page)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
+    write_page_file(Path(app.srcdir) / PAGE, "".join(parts))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
+from page_file import write_page_file
 from sphinx.application import Sphinx
 
 FOLDER = "project"
@@ -30,27 +30,7 @@ def write_pages(app: Sphinx) -> None:
         The application.
     """
     folder = Path(app.srcdir) / FOLDER
-    folder.mkdir(exist_ok=True)
     for name in FILES:
         text = (Path(app.srcdir).parent / name).read_text(encoding="utf-8")
         turned = _LINK.sub(lambda link: f"]({_page_of(link[1])})", text)
-        page = folder / name.lower()
-        if not page.is_file() or page.read_text(encoding="utf-8") != turned:
-            page.write_text(turned, encoding="utf-8")
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages when the building begins.
-
-    Parameters
-    ----------
-    app : Sphinx
-        The application.
-
-    Returns
-    -------
-    dict
-        What Sphinx wants to know of an extension.
-    """
-    app.connect("builder-inited", write_pages)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}
+        write_page_file(folder / name.lower(), turned)

@@ -7,6 +7,7 @@ import inspect
 from pathlib import Path
 from typing import Any
 
+from page_file import write_page_file
 from sphinx.application import Sphinx
 
 import structid
@@ -61,13 +62,6 @@ def _directive(name: str, thing: Any) -> str:
     return f".. autofunction:: structid.{name}\n" if callable(thing) else f".. autodata:: structid.{name}\n"
 
 
-def _write(path: Path, content: str) -> None:
-    """Write a page unless it is there already, so that it is not read anew."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.is_file() or path.read_text(encoding="utf-8") != content:
-        path.write_text(content, encoding="utf-8")
-
-
 def write_pages(app: Sphinx) -> None:
     """Write all pages, and remove those of names that are no longer public.
 
@@ -83,10 +77,10 @@ def write_pages(app: Sphinx) -> None:
         by_topic[TOPICS[_room(name)]].append(name)
         thing = getattr(structid, name)
         title = f"structid.{name}"
-        _write(folder / f"{name}.rst", f"{title}\n{'=' * len(title)}\n\n{_directive(name, thing)}")
+        write_page_file(folder / f"{name}.rst", f"{title}\n{'=' * len(title)}\n\n{_directive(name, thing)}")
     for page in set(folder.glob("*.rst")) - {folder / f"{name}.rst" for name in [*names, "index"]}:
         page.unlink()
-    _write(folder / "index.rst", _index(by_topic))
+    write_page_file(folder / "index.rst", _index(by_topic))
 
 
 def _index(by_topic: dict[str, list[str]]) -> str:
@@ -105,20 +99,3 @@ def _index(by_topic: dict[str, list[str]]) -> str:
             lines += [f"   * - :doc:`{name} <{name}>`", f"     - {_first_sentence(getattr(structid, name))}"]
         lines += ["", ".. toctree::", "   :hidden:", "", *(f"   {name}" for name in names), ""]
     return "\n".join(lines)
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the pages when the building begins.
-
-    Parameters
-    ----------
-    app : Sphinx
-        The application.
-
-    Returns
-    -------
-    dict
-        What Sphinx wants to know of an extension.
-    """
-    app.connect("builder-inited", write_pages)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import pydantic
+from page_file import write_page_file
 from pydantic_core import PydanticUndefined
 
 from structid.keys import Section
@@ -200,11 +201,7 @@ def write_page(app: Sphinx) -> None:
     wrong = problems(folder)
     if wrong:
         raise ValueError("reference/keys: " + "; ".join(wrong))
-    path = Path(app.srcdir) / PAGE
-    path.parent.mkdir(parents=True, exist_ok=True)
-    content = "".join(_parts(folder))
-    if not path.is_file() or path.read_text(encoding="utf-8") != content:
-        path.write_text(content, encoding="utf-8")
+    write_page_file(Path(app.srcdir) / PAGE, "".join(_parts(folder)))
 
 
 def _parts(folder: Path) -> Iterator[str]:
@@ -245,20 +242,3 @@ def _in_words(value: Any) -> str:
     if isinstance(value, (tuple, list)):
         return ", ".join(map(_in_words, value))
     return f"{value:g}" if isinstance(value, float) else "as a table" if isinstance(value, Section) else str(value)
-
-
-def setup(app: Sphinx) -> dict[str, Any]:
-    """Write the page when the building begins.
-
-    Parameters
-    ----------
-    app : Sphinx
-        The application.
-
-    Returns
-    -------
-    dict
-        What Sphinx wants to know of an extension.
-    """
-    app.connect("builder-inited", write_page)
-    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -14,7 +14,7 @@ from structid.calibration.batch import beyond_the_runs, far_apart, next_batch
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import _made_up as made_up_of
 from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
-from structid.errors import CampaignStoppedError, InputError, StoreMismatchError
+from structid.errors import InputError, StoreMismatchError
 from structid.inference.assessment.limits import Limits
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
@@ -429,19 +429,6 @@ def test_a_mode_beyond_the_range_of_the_first_design(monkeypatch, scouts):
     result = si.calibrate(case.model, case.space, case.observation, as_at_the_edge, case.law, seed=4)
     right = abs(result.sampling.mean[0] - mean_of_two_modes()) < 0.1 * result.sampling.sd[0]
     assert result.certificate.certified and right == (scouts > 0)
-
-
-def test_a_model_of_which_no_run_finishes_stops_after_the_first_design(space, measured):
-    asked = []
-
-    def respond(parameters, record):
-        asked.append(parameters)
-        raise KeyError("k")
-
-    broken = si.CallableModel(respond, free=space.names, channels=("velocity",), isolated=False)
-    with pytest.raises(CampaignStoppedError, match=r"None of the first 10 runs.*KeyError"):
-        si.calibrate(broken, space, measured, plan=PLAN, sampler=SAMPLER, seed=1)
-    assert len(asked) == 10
 
 
 def test_another_record_is_predicted_by_the_model_itself(calibrated, model):

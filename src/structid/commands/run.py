@@ -37,28 +37,7 @@ def run(
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
-    run_on_screen(study, Path(study.stem) if out is None else out, resume, executor, retry, adopt)
-
-
-def run_on_screen(
-    study: Path, out: Path, resume: bool, executor: str = "serial", retry: bool = False, adopt: bool = False
-) -> None:
-    """Run a study with progress bars, and say what came out.
-
-    Parameters
-    ----------
-    study : Path
-        The study file.
-    out : Path
-        Folder for everything it makes.
-    resume : bool
-        Continue with what is in that folder.
-    executor : str
-        Where an external solver's runs are done.
-    retry, adopt : bool
-        See `run`.
-    """
-    finish(worked_on_screen(study, out, resume, executor, retry, adopt))
+    finish(worked_on_screen(study, Path(study.stem) if out is None else out, resume, executor, retry, adopt))
 
 
 def worked_on_screen(

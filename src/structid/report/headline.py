@@ -91,7 +91,7 @@ class Headline(ShownAsText):
                 p.value,
                 p.in_words(p.interval),
                 *([p.in_words(p.honest)] if self.elsewhere else []),
-                *([] if not self.truths else ["–" if p.truth is None else f"{p.truth:.4g}"]),
+                *([p.true_value] if self.truths else []),
             ]
             for p in self.parameters
         ]
@@ -123,8 +123,7 @@ def headline(material: PosteriorMaterial) -> Headline:
         The same in any study.
     """
     parameters = learnt_parameters(material)
-    believed = [_sampling(material), *_surrogate(material), *_model(material)]
-    return Headline(parameters, believed, _unsaid(material, parameters), _further(material, parameters))
+    return Headline(parameters, _answers(material), _unsaid(material, parameters), _further(material, parameters))
 
 
 def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], list[str]]:
@@ -161,10 +160,15 @@ def comparison_headline(material: ComparisonMaterial) -> tuple[list[Believed], l
 
 def _of_a_class(one: ComparedClass) -> Believed:
     """Whether the numbers of a class may be believed, and whether the class itself may."""
-    answers = [_sampling(one.material), *_surrogate(one.material), *_model(one.material)]
+    answers = _answers(one.material)
     worst = max(answers, key=lambda answer: ORDER.index(answer.trust))
     known = "" if one.figures.trusted else "its numbers are not to be trusted; "
     return Believed(one.name, worst.trust, known + answers[-1].said)
+
+
+def _answers(material: PosteriorMaterial) -> list[Believed]:
+    """Of the sampling, of the surrogate, of the model."""
+    return [_sampling(material), *_surrogate(material), *_model(material)]
 
 
 def _sampling(material: PosteriorMaterial) -> Believed:
@@ -263,11 +267,7 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
     """Parameters of which the posterior is about what the prior was; one that the data have moved is not among them."""
-    return [
-        p
-        for p in parameters
-        if p.prior[1] - p.prior[0] < LITTLE * (p.interval[1] - p.interval[0]) and p.prior[0] <= p.mean <= p.prior[1]
-    ]
+    return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
 
 
 def _cure_of(warned: str) -> str:

@@ -94,6 +94,11 @@ class LearntParameter:
         return number(self.mean, self.sd)
 
     @property
+    def true_value(self) -> str:
+        """The truth, or a dash where it is not known."""
+        return "–" if self.truth is None else f"{self.truth:.4g}"
+
+    @property
     def bar(self) -> dict[str, float]:
         """Places in a bar that spans the prior's interval, widened to hold everything [%]: prior, both intervals and truth."""
         inside = [*self.prior, *self.interval, *self.honest, *([] if self.truth is None else [self.truth])]

@@ -220,6 +220,9 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
         for stage in (*stage_list.STAGES, *([stage_list.PAGE_STAGE] if place.page else [])):
             if stage.wanted(found):
                 found = stage.run(found, place)
+    material = found.material
+    if material is None and found.result is not None:  # no page was asked for
+        material = posterior_material(found, found.result, place)
     return StudyOutcome(
         found.result,
         found.searches,
@@ -230,5 +233,5 @@ def _work(study: BuiltStudy, place: Workplace) -> StudyOutcome:
         found.law_choice,
         found.parameter_study,
         found.fragility,
-        None if found.result is None else posterior_material(found, found.result, place),
+        material,
     )

@@ -13,7 +13,7 @@ def _tables(material: ComparisonMaterial) -> list[Table]:
     known = any(p.truth is not None for p in every.values())
     heads = ["parameter", *material.names, *(["truth"] if known else [])]
     rows = [
-        [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([_truth(p)] if known else [])]
+        [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([p.true_value] if known else [])]
         for name, p in every.items()
     ]
     return [Table("Mean, and 90 % interval", (heads, rows))]
@@ -21,10 +21,6 @@ def _tables(material: ComparisonMaterial) -> list[Table]:
 
 def _cell(learnt: LearntParameter | None) -> str:
     return "–" if learnt is None else f"{learnt.value} ({learnt.in_words(learnt.honest)})"
-
-
-def _truth(learnt: LearntParameter) -> str:
-    return "–" if learnt.truth is None else f"{learnt.truth:.4g}"
 
 
 def _words(material: ComparisonMaterial) -> list[str]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
 from structid.report.drawn import draw
@@ -14,9 +16,10 @@ from structid.study.stages.stage import Findings, StudyStage, Workplace
 def _run(found: Findings, place: Workplace) -> Findings:
     if found.result is None:
         write_runs_page(found, place)
-    else:
-        _write_page(found, found.result, place)
-    return found
+        return found
+    material = posterior_material(found, found.result, place)
+    _write_page(material, place)
+    return replace(found, material=material)
 
 
 def write_runs_page(found: Findings, place: Workplace) -> None:
@@ -35,11 +38,10 @@ def write_runs_page(found: Findings, place: Workplace) -> None:
     write_runs_report(material, place.folder, place.timings.seconds)
 
 
-def _write_page(found: Findings, result: SamplingResult, place: Workplace) -> None:
-    material = posterior_material(found, result, place)
+def _write_page(material: PosteriorMaterial, place: Workplace) -> None:
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
         drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
-        result.to_netcdf(place.folder / POSTERIOR)
+        material.result.to_netcdf(place.folder / POSTERIOR)
     write_report(material, drawn, place.folder, place.timings.seconds)
 
 

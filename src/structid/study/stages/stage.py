@@ -15,6 +15,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
+from structid.report.material import PosteriorMaterial
 from structid.runs import Runs
 from structid.study.building.built_study import BuiltStudy
 from structid.study.folder import STUDY, TIMINGS
@@ -86,6 +87,8 @@ class Findings:
         What runs over the priors tell.
     fragility : Fragility or None
         The probability of a passage, given the data.
+    material : PosteriorMaterial or None
+        All of it as a page takes it, with what the page has simulated.
     """
 
     study: BuiltStudy
@@ -98,6 +101,7 @@ class Findings:
     result: SamplingResult | None = None
     parameter_study: ParameterStudy | None = None
     fragility: Fragility | None = None
+    material: PosteriorMaterial | None = None
 
 
 @dataclass(frozen=True)
