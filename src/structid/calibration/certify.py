@@ -127,7 +127,7 @@ def certify(
     _compare_known(known, truth)
     log_true = truth.at(chosen.theta)
     noise = truth.twice()
-    at_draws = truth.count
+    before = truth.count
     inside = np.isfinite(chosen.log_drawn)
     judges = chosen.inside
     fresh = FreshDraws(
@@ -137,11 +137,11 @@ def certify(
     others = known
     if posterior.knows_prior and np.isfinite(log_true).any():
         count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
-        everything = joined((fresh.theta, fresh.log_true), known)
-        others = joined(known, searched(law, everything, fresh.middle, count, truth.at, limits, rng))
+        at_draws = fresh.theta, fresh.log_true
+        others = joined(known, searched(law, at_draws, known, fresh.middle, count, truth.at, limits, rng))
     # Where q has no density at all, a run is no draw of it; it may show that something is there.
     fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
-    searching = truth.count - at_draws
+    searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
     found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*noise, *why), rng)
     return replace(found, subject=law.subject, searched=searching)

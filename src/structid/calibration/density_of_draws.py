@@ -203,8 +203,7 @@ class DensityOfDraws(DrawnLaw):
         tuple of str
             In what the draws differ from what is found.
         """
-        in_order = self.draws if len(self.draws) > 1 else _in_parts(self.flat, 4)
-        found = represented(_Explored(self), in_order.transpose(1, 0, 2)[:, :, None], known, seed)
+        found = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
         return tuple(f"these are not draws of the given density: {said}" for said in found.failures)
 
 
@@ -235,9 +234,3 @@ class _Explored(Target):
 
     def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
         return self.law.posterior.initial(count, rng)
-
-
-def _in_parts(flat: np.ndarray, count: int) -> np.ndarray:
-    """One chain cut into several, (chain, draw, parameter)."""
-    length = len(flat) // count
-    return flat[: count * length].reshape(count, length, -1)

@@ -12,6 +12,8 @@ from structid.errors import InputError
 from structid.inference.assessment.fitted_density import FittedDensity
 from structid.inference.target import Target
 
+PARTS = 4
+"""Into which a single chain is cut, to see how its averages vary."""
 MANY = 4000
 """Draws that stand for a law at most."""
 COVERED = 0.99
@@ -123,6 +125,23 @@ class DrawnLaw(ABC):
             Rows of all draws.
         """
         return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
+
+    def in_order(self, flat: np.ndarray) -> np.ndarray:
+        """Put what is known of every draw in the order in which they were drawn.
+
+        Parameters
+        ----------
+        flat : ndarray, shape (chain · draw, parameter)
+            Of all draws.
+
+        Returns
+        -------
+        ndarray, shape (chain, draw, parameter)
+            Of chains; a single one is cut into parts.
+        """
+        chains = len(self.draws) if len(self.draws) > 1 else PARTS
+        length = len(flat) // chains
+        return flat[: chains * length].reshape(chains, length, -1)
 
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:

@@ -8,9 +8,11 @@ import numpy as np
 
 from structid.calibration.density_of_draws import WIDE_SHARE, DensityOfDraws
 from structid.calibration.drawn_laws import Chosen, DrawnLaw, of_fitted, refuse_another
+from structid.calibration.stein_identity import not_its_draws
 from structid.errors import InputError
 from structid.inference.assessment.fitted_density import FittedDensity
 from structid.inference.target import Target
+from structid.streams import Purpose, stream
 
 FITTED_DRAWS = 20_000
 """Draws of a fitted density that stand for it."""
@@ -95,6 +97,23 @@ class ValuesAtDraws(DrawnLaw):
             As in `chosen`.
         """
         return self.chosen(count, rng)
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Not used.
+        seed : int
+            Chooses draws.
+
+        Returns
+        -------
+        tuple of str
+            A sentence where they do not.
+        """
+        return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
 
 
 class FittedToDraws(DensityOfDraws):

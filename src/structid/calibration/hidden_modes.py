@@ -1,8 +1,10 @@
 """A search for what draws have missed: runs where a mode could be that the drawn law does not have.
 
 Draws say nothing of where they are not. A Kriging of the log density, at all runs that are known, says where it could be high.
-It is unsure where nobody has been. The model is run at those draws of the prior that are most likely to have a density that
-matters. If one of them has, it outranks the draws, and no certificate is given. What is not found may still be there.
+It is unsure where nobody has been; but runs at draws alone, all close to one another, make it sure of everything: their trend goes
+on for ever. So where there are no others, the search begins at any draws of the prior that lie beyond. Then the model is run at
+those that are most likely to have a density that matters. If one of them has, it outranks the draws, and no certificate is given.
+What is not found may still be there.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import numpy as np
 
 from structid.calibration.drawn_laws import DrawnLaw
 from structid.calibration.known_points import Points, joined
-from structid.calibration.kriged_density import CORRELATIONS, KrigedDensity, standardised_by
+from structid.calibration.kriged_density import CORRELATIONS, Chart, KrigedDensity, standardised_by
 from structid.inference.assessment.limits import Limits
 
 SCOUTS = 4000
@@ -30,6 +32,7 @@ HOPELESS = -10.0
 
 def searched(
     law: DrawnLaw,
+    at_draws: Points,
     known: Points,
     middle: float,
     count: int,
@@ -43,8 +46,10 @@ def searched(
     ----------
     law : DrawnLaw
         q.
+    at_draws : tuple of ndarray
+        Runs at fresh draws of q, one or more of them finite.
     known : tuple of ndarray
-        All runs of before.
+        Runs that somebody else has made.
     middle : float
         log π/q, in the middle of the draws.
     count : int
@@ -68,20 +73,20 @@ def searched(
     theta, jacobian = law.bijection(scouts)
     of_draws = law.log_density(theta) + middle
     # What the draws do not visit; in their tails, fresh draws of a wider law see for themselves.
-    free = (of_draws < known[1].max() - limits.reach) & ~law.covers(theta)
+    best = max(at_draws[1].max(), known[1].max(initial=-np.inf))
+    free = (of_draws < best - limits.reach) & ~law.covers(theta)
     made: Points = np.empty((0, law.posterior.dimension)), np.empty(0)
     most = count
     while len(made[0]) < most and free.any():
-        points, log_true = joined(known, made)
-        phi = law.bijection.inverse(points)
-        values = log_true + law.bijection(phi)[1]
-        ran = np.isfinite(values)
-        forms = [(chart, correlation) for correlation in CORRELATIONS]
-        kriged = KrigedDensity.best(forms, phi[ran], values[ran], np.ones(int(ran.sum())))
-        mean, deviation = kriged.at(scouts)
+        others = joined(known, made)
+        points, log_true = joined(at_draws, others)
         matters = np.maximum(log_true.max() - limits.reach, of_draws + limits.excess)
-        chance = np.where(free, (mean - jacobian - matters) / np.maximum(deviation, 1e-9), -np.inf)
-        places = _apart(chance, z, min(AT_ONCE, most - len(made[0])))
+        if np.count_nonzero(~law.covers(others[0])) < AT_ONCE:
+            chance = rng.random(len(z))  # any draws of the prior
+        else:
+            mean, deviation = _kriged(law, chart, (points, log_true)).at(scouts)
+            chance = (mean - jacobian - matters) / np.maximum(deviation, 1e-9)
+        places = _apart(np.where(free, chance, -np.inf), z, min(AT_ONCE, most - len(made[0])))
         if not len(places):
             break
         found = run(theta[places])
@@ -89,9 +94,19 @@ def searched(
         free[places] = False
         if (found >= matters[places]).any():
             break
-        if (found >= known[1].max() - NEAR * limits.reach).any():
+        if (found >= best - NEAR * limits.reach).any():
             most = 2 * count
     return made
+
+
+def _kriged(law: DrawnLaw, chart: Chart, known: Points) -> KrigedDensity:
+    """Log π with respect to φ."""
+    theta, log_true = known
+    phi = law.bijection.inverse(theta)
+    values = log_true + law.bijection(phi)[1]
+    ran = np.isfinite(values)
+    forms = [(chart, correlation) for correlation in CORRELATIONS]
+    return KrigedDensity.best(forms, phi[ran], values[ran], np.ones(int(ran.sum())))
 
 
 def _apart(chance: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:

@@ -174,6 +174,7 @@ class Certificate(ShownAsText):
         return (
             f"a part of the posterior with less than {100.0 * self.unseen:.0f} % of the probability, into which none of the draws "
             "fell, and a mode that no true run of any round has touched"
+            f"{'; without a density that is a function no second explorer has looked for one' if self.subject else ''}"
         )
 
     def __str__(self) -> str:
@@ -365,7 +366,7 @@ def _what_is_missing(above: float, excess: float, hidden: int, limits: Limits) -
         )
     if excess > limits.excess:
         more = (
-            f"has {excess:.1f} nats more density than"
+            f"has {'over 100' if excess > 100.0 else f'{excess:.1f}'} nats more density than"
             if np.isfinite(excess)
             else "lies where there is no density at all in"
         )

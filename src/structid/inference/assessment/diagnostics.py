@@ -92,6 +92,25 @@ def effective_sample_size(draws: np.ndarray) -> float:
     return draws.size / series_time(draws)
 
 
+def standard_error(draws: np.ndarray) -> float:
+    """Standard error of the mean of a quantity: the larger of that by the effective number of draws and that by the ensembles.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (step, ensemble, walker)
+        The quantity.
+
+    Returns
+    -------
+    float
+        0 for a constant quantity.
+    """
+    of_ensembles = draws.mean(axis=(0, 2))
+    by_size = draws.var() / max(effective_sample_size(draws), 1.0) if np.ptp(draws) else 0.0
+    by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
+    return float(np.sqrt(max(by_size, by_ensembles)))
+
+
 def series_time(draws: np.ndarray) -> float:
     """Integrated autocorrelation time of a quantity, which gives the error of its mean.
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import logsumexp
 
-from structid.inference.assessment.diagnostics import effective_sample_size
+from structid.inference.assessment.diagnostics import standard_error
 from structid.inference.sampling.modes import Mode, all_modes
 from structid.inference.sampling.moves import EnsembleState
 from structid.inference.sampling.reference import FromReference
@@ -233,20 +233,12 @@ def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
     )
 
 
-def _error(x: np.ndarray) -> float:
-    """Standard error of a mean over (step, ensemble, walker): the larger of that by sample size and that by the ensembles."""
-    of_ensembles = x.mean(axis=(0, 2))
-    by_size = x.var() / max(effective_sample_size(x), 1.0) if np.ptp(x) else 0.0
-    by_ensembles = of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0
-    return float(np.sqrt(max(by_size, by_ensembles)))
-
-
 def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
     """Modes whose shares differ."""
     found = []
     for mode in range(first.shape[-1] if first.shape[-1] > 1 else 0):
         shares = first[..., mode], second[..., mode]
-        error = math.hypot(*(_error(x) for x in shares))
+        error = math.hypot(*(standard_error(x) for x in shares))
         gap = abs(shares[0].mean() - shares[1].mean())
         if gap > TOLERANCE + ERRORS * error:
             found.append(
@@ -275,8 +267,8 @@ def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
             continue
         # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
         standard = [(x - centre) / sd for x in (ours, theirs)]
-        error = math.hypot(*(_error(x) for x in standard))
-        error_of_square = math.hypot(*(_error((x - x.mean()) ** 2) for x in standard))
+        error = math.hypot(*(standard_error(x) for x in standard))
+        error_of_square = math.hypot(*(standard_error((x - x.mean()) ** 2) for x in standard))
         gaps[:, place] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
     return _Gaps(*gaps)
 
