@@ -241,7 +241,7 @@ def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
 
 
 CURES = {
-    "model": "To keep the runs of an earlier version of the solver: --adopt.",
+    "model": "To keep the runs of an earlier version of the solver: --adopt, in Python adopt=True.",
     "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
 }
 """What to do where nothing else differs."""

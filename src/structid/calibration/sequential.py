@@ -18,6 +18,7 @@ from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
 from structid.calibration.plan import Plan
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
+from structid.calibration.taken_over import first_design, take_over
 from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
@@ -74,6 +75,7 @@ def calibrate(
     sampler: Sampler | None = None,
     seed: int = 0,
     store: str | os.PathLike[str] | None = None,
+    adopt: bool = False,
     executor: Any = None,
     progress: Tell | None = None,
 ) -> CalibrationResult:
@@ -111,6 +113,9 @@ def calibrate(
         Seed.
     store : path-like, optional
         A folder for true runs, rounds and draws. A killed calibration continues from it, and so does one with a larger budget.
+    adopt : bool
+        Keep the stored runs of another version of the model, which is an error otherwise: a solver was mended, and its finished
+        runs are right. They are the first design; what failed is run again, and rounds and draws are made anew.
     executor : optional
         Where an external model's runs are done; see `Campaign.run`.
     progress : callable, optional
@@ -146,6 +151,7 @@ def calibrate(
             sampler,
             seed,
             None if store is None else Path(store),
+            adopt,
             workers,
             progress,
         )
@@ -171,6 +177,7 @@ class _Loop:
         sampler: Sampler | None,
         seed: int,
         folder: Path | None,
+        adopt: bool,
         executor: Any,
         progress: Tell | None,
     ) -> None:
@@ -179,7 +186,10 @@ class _Loop:
         self.space, self.law_is_open = posterior.model_space, law_is_open
         self.plan = plan.sized(posterior, settings)
         first = self.space.sample(self.plan.sizes[0], seed, "sobol", plan.widen).values
-        self.true = TrueRuns(posterior, first, folder, executor, progress)
+        self.true = TrueRuns(posterior, first_design(folder, first), folder, executor, progress)
+        if adopt:
+            take_over(self.true)
+        self.true.refuse_another()
         settings.check(self.true.design, self.true.records, posterior.model.channels)
         self.journal = None if folder is None else Journal(folder / "rounds.journal", self._identity)
         self.looked = earlier_limits(folder, plan.limits)

@@ -46,6 +46,7 @@ class TrueRuns:
         self.model, self.space, self.observations = posterior.model, posterior.model_space, posterior.observations
         self.records = tuple({o.record.content_hash: o.record for o in self.observations}.values())
         self.points, self.folder, self.executor, self.tell = points, folder, executor, tell
+        self.retry = False
         self._done: Runs | None = None
 
     @property
@@ -69,16 +70,45 @@ class TrueRuns:
         """
         if points is not None:
             self.points = np.concatenate([self.points, points])
-        cycle = "cycle" if len(self.records) > 1 else None
         if self.folder is not None:
-            campaign = Campaign(self.model, self.records, self.design, self.folder / CALIBRATION_RUNS, cycle)
-            self._done = campaign.run(self.executor, progress=self._told)
+            self._done = self._campaign.run(self.executor, retry=self.retry, progress=self._told)
+            self.retry = False
         else:
             done = 0 if self._done is None else len(self._done)
-            runs = Campaign(self.model, self.records, self.design[done:], None, cycle).run(
-                self.executor, progress=self._told
-            )
+            campaign = Campaign(self.model, self.records, self.design[done:], None, self._assignment)
+            runs = campaign.run(self.executor, progress=self._told)
             self._done = runs if self._done is None else self._done + runs
+
+    def refuse_another(self) -> None:
+        """See that the stored runs are those of this model and engine.
+
+        Raises
+        ------
+        StoreMismatchError
+            If they are not.
+        """
+        if self.folder is not None:
+            self._campaign.refuse_another()
+
+    def adopt(self) -> None:
+        """Take over the stored runs of another version of the model; those that failed will be repeated.
+
+        Raises
+        ------
+        StoreMismatchError
+            If they differ in something else; they are not changed.
+        """
+        self._campaign.adopt()
+        self.retry = True
+
+    @property
+    def _campaign(self) -> Campaign:
+        assert self.folder is not None
+        return Campaign(self.model, self.records, self.design, self.folder / CALIBRATION_RUNS, self._assignment)
+
+    @property
+    def _assignment(self) -> str | None:
+        return "cycle" if len(self.records) > 1 else None
 
     def _told(self, ended: int, total: int, _failed: int) -> None:
         if self.tell is not None:

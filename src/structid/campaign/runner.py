@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,11 @@ import numpy as np
 from structid.campaign.executors import LostWorkerError, Pool, opened
 from structid.campaign.journal_entries import Finished
 from structid.campaign.run_file import Header
-from structid.campaign.store import MemoryStore, RunStore, open_runs
+from structid.campaign.store import MemoryStore, RunStore, open_runs, stored_identity
 from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError, names_checked
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.hashing import digest
+from structid.journal import compare_identity
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model
 from structid.probability.designs import Design
@@ -114,6 +116,33 @@ class Campaign:
             **({"engine": engine()} if self.model.batched else {}),
         }
 
+    def refuse_another(self) -> None:
+        """See that the store holds runs of this model, engine, records and space, or none.
+
+        Raises
+        ------
+        StoreMismatchError
+            If it holds others.
+        """
+        found = None if self.store is None else stored_identity(self.store)
+        if self.store is not None and found is not None:
+            compare_identity(Path(self.store), found, self.identity)
+
+    def adopt(self) -> None:
+        """Take over the stored runs of another version of the model, or of another engine, without running anything.
+
+        Raises
+        ------
+        StoreMismatchError
+            If the store differs in something else.
+        """
+        if self.store is not None:
+            RunStore(self.store, self._header, adopt=True).close()
+
+    @property
+    def _header(self) -> Header:
+        return Header(self.identity, self.design.space, self.records, self.model.channels)
+
     def run(
         self,
         executor: Any = None,
@@ -156,8 +185,7 @@ class Campaign:
         """
         if attempts < 1:
             raise InputError("Campaign.run: attempts", f"{attempts}", "1 or more")
-        header = Header(self.identity, self.design.space, self.records, self.model.channels)
-        store = MemoryStore(header) if self.store is None else RunStore(self.store, header, adopt)
+        store = MemoryStore(self._header) if self.store is None else RunStore(self.store, self._header, adopt)
         try:
             todo = self._todo(store, retry, attempts)
             if not todo and self._is_part_of(store):

@@ -50,6 +50,25 @@ SEGMENT_BYTES = 64_000_000
 """A journal larger than this is sealed into a segment."""
 
 
+def stored_identity(path: str | os.PathLike[str]) -> dict[str, Any] | None:
+    """Read what the stored runs belong to.
+
+    Parameters
+    ----------
+    path : path-like
+        The HDF5 file.
+
+    Returns
+    -------
+    dict or None
+        Identity of the runs on disk; None if there are none.
+    """
+    parts = parts_of(Path(path))
+    if (parts / "design").exists():
+        return Journal.read(parts / "design").identity
+    return run_file.read_header(Path(path))[0].identity if Path(path).exists() else None
+
+
 class RunStore:
     """The runs of a campaign, on disk.
 
@@ -73,7 +92,7 @@ class RunStore:
     def __init__(self, path: str | os.PathLike[str], header: Header, adopt: bool = False) -> None:
         self.path, self.header = Path(path), header
         self.parts = parts_of(self.path)
-        found = self._found()
+        found = stored_identity(self.path)
         other = [] if found is None else differences(found, header.identity)
         if found is not None and not set(other) <= (ADOPTED if adopt else set()):
             compare_identity(self.path, found, header.identity)
@@ -89,12 +108,6 @@ class RunStore:
             self.rows.update(run_file.sound_rows(file))
         for rows in journalled_rows(self._journal):
             self.rows.update(rows)
-
-    def _found(self) -> dict[str, Any] | None:
-        """Identity of the store on disk, or None."""
-        if (self.parts / "design").exists():
-            return Journal.read(self.parts / "design").identity
-        return run_file.read_header(self.path)[0].identity if self.path.exists() else None
 
     def _take_over(self) -> None:
         """Merge the runs of another version of the model into one file with the identity of this version."""

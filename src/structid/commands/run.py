@@ -33,7 +33,7 @@ def run(
     ] = False,
     adopt: Annotated[
         bool,
-        typer.Option("--adopt", help="Keep the true runs even if the solver has changed since; implies --resume."),
+        typer.Option("--adopt", help="Keep the true runs although the solver has changed; implies --resume."),
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""

@@ -121,7 +121,7 @@ def run_study(
     retry : bool
         Repeat runs of the campaign that failed before.
     adopt : bool
-        Keep the campaign's runs of another version of the model; see `Campaign.run`.
+        Keep the true runs of another version of the model; see `Campaign.run` and `calibrate`.
     built : BuiltStudy, optional
         What `load` made of the file, where that was done already.
 

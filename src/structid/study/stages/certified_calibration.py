@@ -25,6 +25,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
             sampler=study.sampler if "sampler" in study.file.model_fields_set else None,
             seed=study.file.seed,
             store=place.folder / CALIBRATION_FOLDER,
+            adopt=place.adopt,
             executor=place.executor,
             progress=told,
         )

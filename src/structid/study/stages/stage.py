@@ -38,7 +38,7 @@ class Workplace:
     retry : bool
         Repeat runs of the campaign that failed before.
     adopt : bool
-        Keep the campaign's runs of another version of the model.
+        Keep the true runs of another version of the model.
     page : bool
         Write the page.
     """
