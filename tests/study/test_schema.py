@@ -23,6 +23,16 @@ def small(tmp_path):
     return path
 
 
+def test_a_parameter_may_have_the_name_of_a_prior_s_key():
+    """A beta distribution has a and b; a parameter called a has all keys of a prior."""
+    with pytest.raises(
+        StudyErrors, match=r"parameters\.a\.law': an unknown key\. Allowed here: a, b, distribution, high"
+    ):
+        parse_study(
+            tomllib.loads(SMALL.replace("[parameters.stiffness]", "[parameters.a]\nlaw = 1\n[parameters.stiffness]"))
+        )
+
+
 @pytest.mark.parametrize("name", packaged.STUDIES)
 def test_every_packaged_study_builds(name, tmp_path):
     if name == "measured":  # which reads a user's own files

@@ -122,7 +122,7 @@ def final_draws(
             starts = np.concatenate([known, np.tile(errors, (len(known), 1))], axis=1)
             # What is made up need not be explored to the end, and where a more careful sampler is left, it comes first.
             longest = 1 if len(made_up) else LONGEST if last else NOT_YET_LONGEST
-            beside = _beside(under, drawn, starts, seed, again, longest, where / f"{name}_beside.journal")
+            beside = _beside(under, drawn, starts, seed, again, longest, where / f"beside_{place}.journal")
             found = FinalDraws(drawn, beside, made_up)
             if last or not found.failures:
                 break

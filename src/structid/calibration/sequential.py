@@ -42,11 +42,8 @@ from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
 from structid.surrogates.registry import DEFAULT, load_surrogate
 
-SCHEMA = 12
+SCHEMA = 13
 """Version of the rounds on disk, and of the random streams that continue from them."""
-
-LAWS_FOLDER = "laws"
-"""Draws under each of the laws that may be chosen."""
 
 LARGEST_OUTSIDE = 0.01
 """Share of the posterior beyond the range of the runs, where a surrogate extrapolates, before a certificate."""
@@ -200,6 +197,7 @@ class _Loop:
         self.before: Surrogate | None = None
         self.surrogate: Surrogate | None = None
         self.choice: LawChoice | None = None
+        self.settled = not law_is_open
         self.final: tuple[int, FinalDraws] | None = None
 
     @property
@@ -223,8 +221,9 @@ class _Loop:
             surrogate = self._surrogate(number)
             if number < len(stored):
                 entry = stored[number]
-                if entry["chosen"] and self.choice is None:
-                    self._choose_law(surrogate)  # again, in the same round; its draws are stored
+                if entry["chosen"]:
+                    self._choose_law(number, surrogate)  # again, in the same round; its draws are stored
+                    self.settled = bool(entry["settled"])
             else:
                 entry = self._next(number, surrogate)
                 if self.journal is not None:
@@ -283,9 +282,12 @@ class _Loop:
         training = len(self.true)
         last_chance = not self._room(training)
         explored = self._explored(number, surrogate)
-        due = last_chance or self._promising(explored)
-        chosen = due and self.law_is_open and self.choice is None
-        if chosen and not self._choose_law(surrogate):
+        promising = self._promising(explored)
+        due = last_chance or promising
+        # What was chosen because the budget was spent, by a surrogate that may be bad, is chosen again when there is more.
+        chosen = not self.settled and (promising or (last_chance and self.choice is None))
+        self.settled = self.settled or (chosen and promising)
+        if chosen and not self._choose_law(number, surrogate):
             due, explored = last_chance, self._explored(number, surrogate)
         made_up = None
         if due or self._to_be_judged_again:
@@ -301,7 +303,7 @@ class _Loop:
         else:
             batch = next_batch(explored, self.true.points, min(self.plan.sizes[1], self._left(training)), rng, made_up)
         sure = float(explored.exponents[explored.trusted]), explored.deviation
-        said = {"final": due or again, "again": again, "chosen": chosen, "sure": sure}
+        said = {"final": due or again, "again": again, "chosen": chosen, "settled": self.settled, "sure": sure}
         return batch.to_entry() | beside.to_entry() | {name: np.array(value) for name, value in said.items()}
 
     @property
@@ -357,14 +359,14 @@ class _Loop:
         of_a_certificate = self.plan.certificate + (not self.posterior.model.traceable)
         return self.plan.true_runs - training - self.twice - of_a_certificate
 
-    def _choose_law(self, surrogate: Surrogate) -> bool:
+    def _choose_law(self, number: int, surrogate: Surrogate) -> bool:
         """Let the data choose the law, by a surrogate that is good where the posterior is; say whether it stays as it was."""
-        folder = None if self.folder is None else self.folder / LAWS_FOLDER
+        folder, before = None if self.folder is None else self.folder / f"laws_{number}", self.posterior.law
         seed = derived_seed(self.seed, Purpose.LAW_CHOICE)
         told = self._told("choosing the law of the errors")
         self.choice = choose_among(self.posterior.on(surrogate), seed=seed, progress=told, store=folder)
         self.posterior = self.posterior.on(law=self.choice.posterior.law)
-        return self.choice.chosen == 0
+        return self.posterior.law.describe() == before.describe()
 
     def _judged(self, entry: Entry, surrogate: Surrogate, batch: Batch, training: int) -> Round:
         """What true runs at the fresh draws say of a round, and its certificate if it is time for one."""

@@ -9,7 +9,6 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 
 from structid.errors import InputError, suggestion
-from structid.study.schema.static_tables import PriorSection
 
 
 class StudyErrors(InputError):
@@ -134,14 +133,16 @@ def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseMode
     """Keys that the table at a place of the file may have."""
     tables: list[Any] = [schema]
     here: Any = content
-    for step in steps:
+    for place, step in enumerate(steps):
         here = here[step] if isinstance(here, (dict, list)) and (isinstance(step, int) or step in here) else {}
-        if isinstance(step, int):
+        if isinstance(step, int) or (
+            place == 1 and steps[0] == "parameters"
+        ):  # a name of the user's: 'a' is none of a prior's keys
             continue
         found: list[Any] = []
         for table in tables:
             field = table.model_fields.get(step) if isinstance(table, type) and issubclass(table, BaseModel) else None
-            found += _tables(field.annotation) if field else [table] if table is PriorSection else []
+            found += _tables(field.annotation) if field else []
         tables = found
     kind = here.get("type") if isinstance(here, dict) else None
     if kind is not None:
