@@ -13,14 +13,14 @@ from structid.study.run import load, report_again, run_study
 from studies import PLAIN, without_pages
 
 SOLVER = packaged.SOLVERS["external"]
+TEMPLATE = packaged.template("external").replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "5 s"]')
+RUNS_ONLY = TEMPLATE[: TEMPLATE.index("[observation]")] + ('[campaign]\nruns = 12\nmethod = "sobol"\nattempts = 2\n\n')
 STUDY = (
-    packaged.template("external")
-    .replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "5 s"]')
-    .replace("runs = 200", "runs = 12")
-    .replace("walkers = 16", "walkers = 8")
-    .replace("steps = 1500", "steps = 20\nstart_candidates = 1\nsettling_steps = 0")
+    RUNS_ONLY
+    + TEMPLATE[TEMPLATE.index("[observation]") : TEMPLATE.index("[surrogate]")]
+    + ('[sampler]\nkind = "aies"\nwalkers = 8\nensembles = 2\nsteps = 20\nstart_candidates = 1\nsettling_steps = 0\n')
 )
-RUNS_ONLY = STUDY[: STUDY.index("[observation]")]
+"""A campaign, and a sampler that runs the solver itself."""
 
 
 @pytest.fixture
@@ -185,6 +185,17 @@ def test_new_writes_the_solver_too_and_never_over_one(tmp_path):
     assert made.returncode == 0 and {p.name for p in tmp_path.iterdir()} == {"mine.toml", SOLVER}
     refused = structid("new", "second", "--like", "external", cwd=tmp_path)
     assert refused.returncode == 2 and SOLVER in refused.stderr and not (tmp_path / "second.toml").exists()
+
+
+@pytest.mark.slow
+def test_the_example_as_it_is_written_finds_its_truth(tmp_path):
+    for name, template in (("study.toml", "external"), (SOLVER, SOLVER)):
+        (tmp_path / name).write_text(packaged.template(template))
+    with without_pages():
+        outcome = run_study(tmp_path / "study.toml", tmp_path / "out")
+    assert outcome.calibration.certificate.certified
+    truth = np.array([7.6e6, 1.0 / 126.0, 0.05])  # of β = γ = 63/m
+    assert (np.abs(outcome.result.mean[:3] - truth) < 3.0 * outcome.result.sd[:3]).all(), str(outcome.result)
 
 
 def test_check_tries_the_solver(folder):
