@@ -27,6 +27,9 @@ CertificateVerdict = Literal["certified", "usable with re-weighting", "not to be
 FEWEST_DRAWS = 15
 """Fewer fresh draws say too little of a variance: its bound would be more than three times the estimate."""
 
+NOTHING = 10.0
+"""A bound from which on it says nothing: it is said to be more than that."""
+
 UNSEEN = 3.0
 """Of n draws none falls into a set of probability 3/n with a probability of 5 %."""
 
@@ -154,7 +157,7 @@ class Certificate(ShownAsText):
     @property
     def unseen(self) -> float:
         """Probability of the largest part of the posterior into which by chance none of the draws may have fallen."""
-        return UNSEEN / self.variation.draws
+        return min(UNSEEN / self.variation.draws, 1.0)
 
     @property
     def statement(self) -> str:
@@ -171,10 +174,10 @@ class Certificate(ShownAsText):
     @property
     def unknown(self) -> str:
         """What it cannot know, in a sentence."""
+        share = f" with less than {100.0 * self.unseen:.0f} % of the probability" if self.unseen < 1.0 else ""
         return (
-            f"a part of the posterior with less than {100.0 * self.unseen:.0f} % of the probability, into which none of the draws "
-            "fell, and a mode that no true run of any round has touched"
-            f"{'; without a density that is a function no second explorer has looked for one' if self.subject else ''}"
+            f"a part of the posterior{share}, into which none of the draws fell, and a mode that no true run of any round has "
+            f"touched{'; without a density that is a function no second explorer has looked for one' if self.subject else ''}"
         )
 
     def __str__(self) -> str:
@@ -206,13 +209,13 @@ class Certificate(ShownAsText):
 
     @property
     def _said_of_weights(self) -> str:
-        bound = _number(self.variation.bound)
+        bound = self.variation.bound
+        at_most = "at most" if bound < NOTHING else "perhaps by"
+        said = f"weights vary by {_number(self.variation.estimate)}, {at_most} {_number(bound)}"
         if self.correction is None:
-            return (
-                f"weights vary by {_number(self.variation.estimate)}, at most {bound} ({self.limits.mean:g} is allowed)"
-            )
+            return f"{said} ({self.limits.mean:g} is allowed)"
         return (
-            f"weights vary by {_number(self.variation.estimate)}, at most {bound}, about a law that the runs have taught and that "
+            f"{said}, about a law that the runs have taught and that "
             f"differs from that of the draws in {self.correction.distance:.0%} of the probability"
         )
 
@@ -346,12 +349,12 @@ def _what_varies(
         )
     if not sd_off[widest] <= limits.sd:
         reasons.append(
-            f"the standard deviation of {names[widest]} may be {sd_off[widest]:.0%} off, and {limits.sd:.0%} is allowed"
+            f"the standard deviation of {names[widest]} may be {_percent(sd_off[widest])} off, and {limits.sd:.0%} is allowed"
         )
     if not correlation_off.max() <= limits.correlation:
         one, other = np.unravel_index(np.argmax(np.triu(correlation_off)), correlation_off.shape)
         reasons.append(
-            f"the correlation of {names[one]} and {names[other]} may be {_number(correlation_off[one, other])} off; "
+            f"the correlation of {names[one]} and {names[other]} may be {min(correlation_off[one, other], 2.0):.2g} off; "
             f"{limits.correlation:g} is allowed"
         )
     return tuple(reasons)
@@ -388,7 +391,11 @@ def _plain(said: dict[str, Any]) -> dict[str, Any]:
 
 
 def _number(value: float) -> str:
-    return f"{value:.2g}" if np.isfinite(value) else "infinite"
+    return f"{value:.2g}" if value < NOTHING else f"more than {NOTHING:g}"
+
+
+def _percent(value: float) -> str:
+    return f"{value:.0%}" if value < NOTHING else f"more than {NOTHING:.0%}"
 
 
 def _above(stored: StoredRuns, highest: float) -> float:

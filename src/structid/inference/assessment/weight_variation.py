@@ -26,6 +26,9 @@ NOISE = 0.02
 """Standard deviation of noise that is added to the weights, in thought, and taken away again from the bound. One weight that stands
 out of others that hardly vary says little of a variance; it says more of a variance to which that of the noise was added."""
 
+LEAST_QUANTILE = 1e-12
+"""A smaller one bounds nothing: a few weights outweigh all others."""
+
 
 @dataclass(frozen=True)
 class WeightVariation:
@@ -123,7 +126,7 @@ def _bound(variance: float, fourth: float, noise: float, count: float, confidenc
     kurtosis = (fourth + 6.0 * variance * noise**2 + 3.0 * noise**4) / spread**2
     freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)
     quantile = float(scipy.stats.chi2.ppf(1.0 - confidence, freedom))
-    if quantile == 0.0:
+    if quantile < LEAST_QUANTILE:
         return float("inf")
     unbiased = variance * count / (count - 1.0) + noise**2
     return float(np.sqrt(max(unbiased * freedom / quantile - noise**2, 0.0)))

@@ -5,6 +5,8 @@ others go on. Parameters arrive in SI under the names the study file gives them;
 sample of the record. Raise an exception where it fails; numbers that are not finite mean that it diverged there.
 """
 
+from itertools import pairwise
+
 MASS = 12_000.0  # kg
 DAMPING_RATIO = 0.03
 
@@ -24,7 +26,7 @@ def respond(parameters, record):
 
     ground, dt = record.values.tolist(), record.dt
     state, velocities = (0.0, 0.0, 0.0), [0.0]
-    for before, after in zip(ground[:-1], ground[1:]):
+    for before, after in pairwise(ground):
         state = runge_kutta(rates, state, before, after, dt)
         velocities.append(state[1])
     return velocities
@@ -37,8 +39,10 @@ def runge_kutta(rates, state, before, after, dt):
     k2 = rates(moved(state, k1, 0.5 * dt), middle)
     k3 = rates(moved(state, k2, 0.5 * dt), middle)
     k4 = rates(moved(state, k3, dt), after)
-    return tuple(x + dt / 6.0 * (a + 2.0 * b + 2.0 * c + d) for x, a, b, c, d in zip(state, k1, k2, k3, k4))
+    slopes = ((a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in zip(k1, k2, k3, k4, strict=True))
+    return moved(state, slopes, dt)
 
 
 def moved(state, rate, dt):
-    return tuple(x + dt * dx for x, dx in zip(state, rate))
+    """Move on from a state by a rate."""
+    return tuple(x + dt * dx for x, dx in zip(state, rate, strict=True))
