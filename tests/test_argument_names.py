@@ -49,6 +49,41 @@ def test_every_public_name_refuses_an_argument_that_it_does_not_have(function):
         function(nothing_of_the_kind=1)
 
 
+SPACE = si.ParameterSpace(stiffness=si.Normal(7.4, 0.7, unit="kN/mm"))
+MODEL = si.BoucWen(mass=12e3, damping_ratio=0.03, alpha=0.06, beta=60.0, gamma=60.0, free=SPACE.names)
+MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda: si.calibrate(SPACE, MODEL, MEASURED),
+            r"calibrate\(model\): a ParameterSpace\. Allowed: a model such as",
+        ),
+        (
+            lambda: si.calibrate(MODEL, SPACE, MEASURED, "pod_kriging"),
+            r"calibrate\(surrogate\): the text 'pod_kriging'",
+        ),
+        (
+            lambda: si.Posterior(SPACE, MODEL, RECORD.values),
+            r"Posterior\(observations\): a ndarray\. Allowed: a structid.Obs",
+        ),
+        (lambda: si.Posterior(SPACE, MODEL, [MEASURED, 3.0]), r"Posterior\(observations\): a float"),
+        (lambda: si.Posterior(SPACE, MODEL, MEASURED, "ar1"), r"Posterior\(discrepancy\): the text 'ar1'.*AR1"),
+        (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): a AIES\. Allowed: a structid.Posterior"),
+    ],
+)
+def test_a_value_of_another_kind(call, words):
+    with pytest.raises(InputError, match=words):
+        call()
+
+
+def test_what_is_given_is_shown_in_a_line():
+    assert str(MEASURED).startswith(f"Observation: {len(RECORD)} samples of velocity, at most ")
+    assert str(si.Posterior(SPACE, MODEL, MEASURED)) == "Posterior of stiffness, sigma2"
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [

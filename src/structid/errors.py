@@ -80,8 +80,21 @@ NUMBERS = {"float", "int", "None"}
 """Annotations in whose place a text is a mistake."""
 
 
+KINDS = {
+    "ParameterSpace": ("marginals", "a structid.ParameterSpace"),
+    "Model": ("simulate", "a model such as structid.BoucWen or structid.CallableModel"),
+    "Target": ("log_density", "a structid.Posterior or structid.LogDensity"),
+    "Posterior": ("observations", "a structid.Posterior"),
+    "Observation": ("check_new", "a structid.Observation"),
+    "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
+    "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
+    "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
+}
+"""Annotations, something that everything of that kind has, and what to give."""
+
+
 def names_checked(what: T) -> T:
-    """Make a class or function refuse arguments that it does not know, and texts in the place of numbers, by a sentence.
+    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence.
 
     Parameters
     ----------
@@ -110,6 +123,7 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
     known = [name for name in parameters if not name.startswith("_")]
     numbers = {n for n, p in parameters.items() if set(re.split(r"\s*\|\s*", str(p.annotation))) <= NUMBERS}
+    kinds = {n: found for n, p in parameters.items() if (found := _kinds(str(p.annotation)))}
     in_order = tuple(every)
 
     @functools.wraps(function)
@@ -124,9 +138,25 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
             if isinstance(value, str) and name in numbers:
                 cure = f"Write it without quotes. help({called}) says in which unit."
                 raise InputError(f"{called}({name})", f"the text '{value}'", "a number", cure)
+            if name in kinds and value is not None:
+                _refuse_another_kind(f"{called}({name})", value, *kinds[name])
         return function(*arguments, **named)
 
     return checked
+
+
+def _kinds(annotation: str) -> tuple[list[str], bool] | None:
+    """Kinds that an argument may be of, and whether several may come; None if it may be something else, too."""
+    words = [word for word in re.split(r"\s*\|\s*", annotation) if word != "None"]
+    single = [re.sub(r"^Sequence\[(\w+)\]$", r"\1", word) for word in words]
+    return (single, single != words) if single and set(single) <= KINDS.keys() else None
+
+
+def _refuse_another_kind(where: str, value: Any, kinds: list[str], several: bool) -> None:
+    for one in value if several and isinstance(value, (list, tuple)) else [value]:
+        if not any(hasattr(one, KINDS[kind][0]) for kind in kinds):
+            came = f"the text '{one}'" if isinstance(one, str) else f"a {type(one).__name__}"
+            raise InputError(where, came, " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
 from structid.hashing import digest
 from structid.probability.truncation import Marginal
+from structid.units import factor
 
 NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""
@@ -30,7 +31,7 @@ ROUNDED = 5e-4
 
 
 @names_checked
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Observation:
     """A measured response: what drove the structure, and what was recorded.
 
@@ -129,6 +130,19 @@ class Observation:
         object.__setattr__(self, "channels", channels)
         if self.sd is not None:
             object.__setattr__(self, "sd", _checked_sd(self.sd, values.shape, where))
+
+    def __str__(self) -> str:
+        peaks = [
+            f"{channel}, at most {peak / factor(unit.display):.4g} {unit.display}".rstrip()
+            for channel, unit, peak in zip(
+                self.channels, map(self.channel_unit, self.channels), np.abs(self.values).max(axis=0), strict=True
+            )
+        ]
+        name = f" '{self.name}'" if self.name else ""
+        return f"Observation{name}: {len(self.values)} samples of {' and of '.join(peaks)}, under {self.record}"
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
 
     def _cure(self, samples: int) -> str:
         """What to do where the measurement has another number of samples than the record."""

@@ -30,13 +30,24 @@ def small(tmp_path):
 
 
 def test_mistakes_of_several_parts_are_told_together(tmp_path):
-    """What needs no other part to be seen: a prior, the sampler, a calibration's budget."""
+    """What needs no other part to be seen: a prior, the sampler, a calibration's budget, a table that is missing."""
     text = SMALL.replace("low = 4.27", "low = 12").replace("[sampler]", "[calibration]\ntrue_runs = 35\n[sampler]")
     (tmp_path / "wrong.toml").write_text(text.replace("walkers = 12", "walkers = 12\nparticles = 5"))
     told = structid("check", "wrong.toml", cwd=tmp_path)
-    assert told.returncode == 2 and len(told.stderr.strip().splitlines()) == 3
-    for words in ("parameters.stiffness", "sampler.particles", "calibrate(true_runs)"):
+    assert told.returncode == 2 and len(told.stderr.strip().splitlines()) == 4
+    for words in ("parameters.stiffness", "sampler.particles", "calibrate(true_runs)", "no kind of [surrogate]"):
         assert words in told.stderr
+
+
+def test_files_that_are_missing_are_told_together(tmp_path):
+    text = packaged.template("measured").replace("low = 4", "low = 400")
+    start, end = text.index("[model]"), text.index("[parameters")
+    external = '[model]\ntype = "python"\nsource = "solver.py"\nfunction = "f"\nchannels = ["displacement"]\n\n'
+    (tmp_path / "wrong.toml").write_text(text[:start] + external + text[end:])
+    told = structid("check", "wrong.toml", cwd=tmp_path)
+    assert told.returncode == 2 and "Traceback" not in told.stderr
+    for words in ("MY_RECORD.AT2: there is no such file", "MY_TOP.csv: there is no such file", "no file", "solver.py"):
+        assert words in told.stderr, words
 
 
 def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):

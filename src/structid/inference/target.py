@@ -23,6 +23,12 @@ class Target(ABC):
     names: tuple[str, ...]
     bijection: Bijection
 
+    def __str__(self) -> str:
+        return f"{type(self).__name__} of {', '.join(self.names)}"
+
+    def __repr__(self) -> str:
+        return f"<{self}>"
+
     @property
     def dimension(self) -> int:
         """Number of parameters."""

@@ -14,6 +14,7 @@ from structid.optimize.region import region
 from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
+from structid.study.schema.study_file import StudyFile
 from structid.surrogates.registry import DEFAULT
 
 
@@ -37,13 +38,7 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
             "one of them, or several",
             "Say what to calibrate, or what to run.",
         )
-    unused = study.file.surrogate.model_fields_set - {"kind"}
-    if unused and not study.has_surrogate:
-        raise InputError(
-            f"key 'surrogate.{min(unused)}'",
-            "it is given with kind = 'none'",
-            "a kind of surrogate, or no key beside kind",
-        )
+    check_tables(study.file)
     if study.sampler.exact and not study.has_surrogate:
         raise InputError(
             "key 'sampler.kind'",
@@ -80,25 +75,58 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
         region(study.posterior.misfit, study.search_bounds, study.file.deterministic.constraints)
 
 
-def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
-    """What a certified calibration has no use for, or cannot do without."""
-    said = study.file.surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
+def check_tables(file: StudyFile) -> None:
+    """Refuse tables that do not go together, whatever is in them.
+
+    Parameters
+    ----------
+    file : StudyFile
+        The file.
+
+    Raises
+    ------
+    InputError
+        If one of them is missing, or there is one too many.
+    """
+    surrogate, calibrated = file.surrogate, file.calibration is not None
+    unused = surrogate.model_fields_set - {"kind"} if surrogate.kind == "none" else set()
+    said = surrogate.model_fields_set & {"validation", "limit", "trust", "model_error"}
     own = "one of the two: a calibration does its own runs"
     judged = "no such key: the certificate judges the surrogate"
     refusals = (
         (
-            not study.has_surrogate,
+            bool(unused),
+            f"key 'surrogate.{min(unused, default='')}'",
+            "it is given with kind = 'none'",
+            "a kind of surrogate, or no key beside kind",
+        ),
+        (
+            calibrated and surrogate.kind == "none",
             "table 'calibration'",
             "no kind of [surrogate]",
             f"a surrogate such as '{DEFAULT.word}', or no [calibration] where the model itself is sampled",
         ),
-        (study.posterior is None, "table 'calibration'", "no [observation]", "a measurement to calibrate against"),
-        (study.file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
-        (bool(said), f"key 'surrogate.{min(said, default='')}'", "it is given beside [calibration]", judged),
+        (
+            calibrated and not file.observation,
+            "table 'calibration'",
+            "no [observation]",
+            "a measurement to calibrate against",
+        ),
+        (calibrated and file.campaign is not None, "table 'campaign'", "a campaign beside [calibration]", own),
+        (
+            calibrated and bool(said),
+            f"key 'surrogate.{min(said, default='')}'",
+            "it is given beside [calibration]",
+            judged,
+        ),
     )
     for wrong, where, came, allowed in refusals:
         if wrong:
             raise InputError(where, came, allowed)
+
+
+def _check_calibration(study: BuiltStudy, plan: Plan) -> None:
+    """What fitting would refuse of its first design."""
     assert study.posterior is not None
     records = tuple({o.record.content_hash: o.record for o in study.posterior.observations}.values())
     points = np.repeat(study.space.sample(plan.sizes[0], 0, "sobol").values, len(records), axis=0)

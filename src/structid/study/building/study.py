@@ -10,10 +10,15 @@ from pathlib import Path
 from structid.channels import standard_unit
 from structid.errors import InputError, StructidWarning
 from structid.ground_motion.record import GroundMotion
+from structid.ground_motion.record_files import lines_of
 from structid.inference.likelihood.posterior import Posterior
+from structid.models.face import Model
+from structid.observation import Observation
+from structid.probability.marginals import Gamma
+from structid.probability.space import ParameterSpace
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.campaigns import build_campaign
-from structid.study.building.checks import check_before_anything_is_written
+from structid.study.building.checks import check_before_anything_is_written, check_tables
 from structid.study.building.fragilities import planned_fragility
 from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy, build_observation
@@ -52,14 +57,14 @@ def build(file: StudyFile, folder: Path, solver_folder: Path | None = None) -> B
         return _built(file, folder, solver_folder)
     except InputError as first:
         # Mistakes that can be seen without the other parts are reported with it, so that one correction does not lead to the next.
-        told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder)]))
+        told = list(dict.fromkeys([str(first), *_wrong_alone(file, folder, solver_folder or folder)]))
         if len(told) == 1:
             raise
         raise StudyErrors(file.name, told) from None
 
 
-def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
-    """What is wrong with records, priors, discrepancy, sampler and plan, each by itself."""
+def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str]:
+    """What is wrong with each part by itself, or with the few others that it needs."""
     records = {
         "record": file.record,
         **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
@@ -71,12 +76,17 @@ def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
         ),
     }
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
+    measured = [place for place, section in enumerate(file.observation) if section.file is not None]
     parts: list[Callable[[], object]] = [
         *(partial(load_record, section, folder, where) for where, section in records.items()),
         *(partial(parameter_prior, file, name) for name in file.parameters),
         *([partial(build_discrepancy, file, {c: standard_unit(c).si for c in channels})] if channels else []),
         partial(build_sampler, file.sampler),
         partial(build_plan, file.calibration),
+        partial(check_tables, file),
+        lambda: build_model(file.model, _some_space(file), file.derived, channels or ("velocity",), solver_folder),
+        *(partial(lines_of, folder / str(file.observation[place].file)) for place in measured),
+        *(partial(_observed, file, folder, place) for place in measured),
     ]
     told = []
     for part in parts:
@@ -85,6 +95,27 @@ def _wrong_alone(file: StudyFile, folder: Path) -> list[str]:
         except InputError as error:
             told.append(str(error))
     return told
+
+
+def _some_space(file: StudyFile) -> ParameterSpace:
+    """The parameters' space; where their priors are wrong, one of the same names."""
+    try:
+        return parameter_space(file)
+    except InputError:
+        return ParameterSpace(None, None, None, **dict.fromkeys(file.parameters, Gamma(mean=1.0, sd=0.5)))
+
+
+def _observed(
+    file: StudyFile, folder: Path, place: int, record: GroundMotion | None = None
+) -> tuple[Observation, Model | None]:
+    """An observation on its own record, or on that of the study."""
+    section = file.observation[place]
+    where = "observation" if len(file.observation) == 1 else f"observation.{place}"
+    if section.record is not None:
+        record = load_record(section.record, folder, f"{where}.record")
+    elif record is None:
+        record = load_record(file.record, folder, "record")
+    return build_observation(section, record, folder, where, file.seed, place)
 
 
 def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltStudy:
@@ -99,10 +130,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         channels = ("velocity",) if file.parameter_study is None else (file.parameter_study.channel,)
     model = build_model(file.model, space, file.derived, channels, solver_folder or folder)
     observations, truths = [], []
-    for index, section in enumerate(file.observation):
-        where = "observation" if len(file.observation) == 1 else f"observation.{index}"
-        own = record if section.record is None else load_record(section.record, folder, f"{where}.record")
-        observation, truth = build_observation(section, own, folder, where, file.seed, index)
+    for place in range(len(file.observation)):
+        observation, truth = _observed(file, folder, place, record)
         observations.append(observation)
         truths.append(truth)
     posterior = None
