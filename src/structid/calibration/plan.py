@@ -27,6 +27,9 @@ IN_A_ROUND, FURTHER, AMONG = 10, 4, 4
 ENLARGED = 1.25
 """Times by which a first design grows until a surrogate can be fitted to it."""
 
+FEWEST_IN_A_BATCH = 4
+"""A batch of fewer runs before the last certificate is not worth a round."""
+
 
 @names_checked
 @dataclass(frozen=True)

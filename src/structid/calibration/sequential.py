@@ -16,7 +16,8 @@ from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.cross_judged import judged_in_turn
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
-from structid.calibration.plan import Plan
+from structid.calibration.first_runs import make_first_runs
+from structid.calibration.plan import FEWEST_IN_A_BATCH, Plan
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
 from structid.calibration.taken_over import first_design, take_over
 from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
@@ -36,7 +37,6 @@ from structid.journal import Journal
 from structid.mechanics.lanes.machine import engine
 from structid.models.face import Model, Progress
 from structid.observation import Observation
-from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.streams import Purpose, derived_seed, stream
 from structid.surrogates.face import Surrogate, SurrogateSettings
@@ -51,9 +51,6 @@ LARGEST_OUTSIDE = 0.01
 SURE = 0.035
 """Standard deviation of the log density over the surrogate's own error with which a look is worth it, whatever the last round
 showed [nat]: that round's draws train this surrogate."""
-
-FEWEST_IN_A_BATCH = 4
-"""A batch of fewer runs before the last certificate is not worth a round."""
 
 Entry = dict[str, np.ndarray]
 """A round on disk."""
@@ -182,8 +179,8 @@ class _Loop:
         self.seed, self.folder, self.executor, self.progress = seed, folder, executor, progress
         self.space, self.law_is_open = posterior.model_space, law_is_open
         self.plan = plan.sized(posterior, settings)
-        first = self.space.sample(self.plan.sizes[0], seed, "sobol", plan.widen).values
-        self.true = TrueRuns(posterior, first_design(folder, first), folder, executor, progress)
+        first = first_design(folder, self._planned(self.plan.sizes[0]))
+        self.true = TrueRuns(posterior, first, folder, executor, progress)
         if adopt:
             take_over(self.true)
         self.true.refuse_another()
@@ -214,7 +211,7 @@ class _Loop:
 
     def run(self) -> CalibrationResult:
         """Go through the rounds that are stored, and on from there."""
-        self._first_runs()
+        make_first_runs(self.true, self.settings, self._planned, self._left)
         stored = [] if self.journal is None else list(self.journal)
         while True:
             number, training = len(self.rounds), len(self.true)
@@ -237,25 +234,9 @@ class _Loop:
             if certificate is not None and (certificate.certified or spent):
                 return self._result(number, surrogate)
 
-    def _first_runs(self) -> None:
-        """Run the first design, and more of the same points while too many have failed to fit a surrogate to the others."""
-        self.true.make()
-        self.true.refuse_hopeless()
-        while self._room(len(self.true)) and not self._fit_for_a_surrogate():
-            failed = int((~self.true.finished).sum())
-            count = len(self.true) + min(failed, self._left(len(self.true)))
-            further = self.space.sample(count, self.seed, "sobol", self.plan.widen).values
-            self.true.make(further[len(self.true) :])
-        self.true.refuse_rest()
-
-    def _fit_for_a_surrogate(self) -> bool:
-        """Whether enough runs have finished."""
-        design = Design(np.repeat(self.true.points[self.true.finished], len(self.true.records), axis=0), self.space)
-        try:
-            self.settings.check(design, self.true.records, self.posterior.model.channels)
-        except InputError:
-            return False
-        return True
+    def _planned(self, count: int) -> np.ndarray:
+        """So many points of the first design, in SI."""
+        return self.space.sample(count, self.seed, "sobol", self.plan.widen).values
 
     # --- a round ------------------------------------------------------------------------------------------------
 
