@@ -40,7 +40,7 @@ def test_mistakes_of_several_parts_are_told_together(tmp_path):
 
 
 def test_files_that_are_missing_are_told_together(tmp_path):
-    text = packaged.template("measured").replace("low = 4", "low = 400")
+    text = packaged.template("measured").replace("low = 30\n", "low = 3000\n")
     start, end = text.index("[model]"), text.index("[parameters")
     external = '[model]\ntype = "python"\nsource = "solver.py"\nfunction = "f"\nchannels = ["displacement"]\n\n'
     (tmp_path / "wrong.toml").write_text(text[:start] + external + text[end:])
@@ -48,6 +48,7 @@ def test_files_that_are_missing_are_told_together(tmp_path):
     assert told.returncode == 2 and "Traceback" not in told.stderr
     for words in ("MY_RECORD.AT2: there is no such file", "MY_TOP.csv: there is no such file", "no file", "solver.py"):
         assert words in told.stderr, words
+    assert "parameters.beta" in told.stderr
 
 
 def test_a_wrong_unit_shows_before_anything_is_run(tmp_path):

@@ -6,6 +6,7 @@ surrogates, draws. The runs themselves are kept, and are the first design of the
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from structid.calibration.true_runs import TrueRuns
 from structid.campaign.parts import parts_of
 from structid.campaign.store import CALIBRATION_RUNS, open_runs
 from structid.errors import StoreMismatchError
+from structid.journal import write_then_rename
 
 FIRST_DESIGN = "first_design.npy"
 """Points that a calibration begins with, where these are not the planned ones."""
@@ -60,8 +62,9 @@ def take_over(true: TrueRuns) -> None:
     stored = open_runs(folder / CALIBRATION_RUNS).design.values
     points = stored[:: len(true.records)]
     true.adopt()
-    with (folder / FIRST_DESIGN).open("wb") as file:
-        np.save(file, points)
+    content = io.BytesIO()
+    np.save(content, points)
+    write_then_rename(folder / FIRST_DESIGN, content.getvalue())
     kept = {CALIBRATION_RUNS, parts_of(Path(CALIBRATION_RUNS)).name, FIRST_DESIGN, ASKED_LIMITS}
     for entry in folder.iterdir():
         if entry.name in kept:

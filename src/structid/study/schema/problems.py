@@ -133,17 +133,15 @@ def _known_keys(steps: list[Any], content: dict[str, Any], schema: type[BaseMode
     """Keys that the table at a place of the file may have."""
     tables: list[Any] = [schema]
     here: Any = content
-    for place, step in enumerate(steps):
+    named = False  # the next step is a name that the user has given: a parameter may be called as a key of its prior is
+    for step in steps:
         here = here[step] if isinstance(here, (dict, list)) and (isinstance(step, int) or step in here) else {}
-        if isinstance(step, int) or (
-            place == 1 and steps[0] == "parameters"
-        ):  # a name of the user's: 'a' is none of a prior's keys
+        if isinstance(step, int) or named:
+            named = False
             continue
-        found: list[Any] = []
-        for table in tables:
-            field = table.model_fields.get(step) if isinstance(table, type) and issubclass(table, BaseModel) else None
-            found += _tables(field.annotation) if field else []
-        tables = found
+        fields = [table.model_fields[step] for table in tables if step in table.model_fields]
+        named = any(get_origin(field.annotation) is dict for field in fields)
+        tables = [table for field in fields for table in _tables(field.annotation)]
     kind = here.get("type") if isinstance(here, dict) else None
     if kind is not None:
         typed = [t for t in tables if "type" in t.model_fields]
