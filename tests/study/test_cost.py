@@ -68,6 +68,14 @@ def test_parts_are_said_in_words():
     ]
 
 
+def test_what_the_whole_budget_takes_is_said_beside_what_is_usual():
+    parts = (Part("Campaign", 2.5, 1000),)
+    plan = si.Plan(start=10, batch=10, true_runs=300)
+    both = "In all about 2 s on this machine if 6 rounds make the surrogate good enough, 10 min if it takes all 26."
+    assert both in str(Cost(parts, 50, plan, longest=600.0))
+    assert "if it takes" not in str(Cost(parts, 50, plan, longest=2.5))
+
+
 def test_draws_of_a_start_and_discarded_draws_are_counted(tmp_path):
     study = written(tmp_path, PLAIN)
     sampling = (

@@ -84,12 +84,12 @@ class Round:
         return self.certificate is not None and not self.certificate.certified and not self.again
 
     def __str__(self) -> str:
-        told = f"round {self.number + 1}: {self.training} training runs, surrogate's own error {self.error:.1e}, "
+        told = f"round {self.number + 1}: surrogate of {self.training} runs, "
         if self.fresh:
-            which = "the same draws, each left out in turn" if self.again else "fresh draws"
-            told += f"spread of log w {self.spread:.2g} at {self.fresh} {which}"
+            which = "the same draws, each left out in turn" if self.again else "fresh draws of its posterior"
+            told += f"the model's log density is {self.spread:.2g} nats (sd) off its own at {self.fresh} {which}"
         else:
-            told += f"sure of its posterior up to an exponent of {self.exponent:.2g} of the likelihood"
+            told += f"not yet sure of its posterior (of the likelihood to the power of {self.exponent:.2g})"
         return told + (f": {self.certificate.agreement}" if self.certificate is not None else "")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import replace
@@ -54,6 +55,8 @@ showed [nat]: that round's draws train this surrogate."""
 
 Entry = dict[str, np.ndarray]
 """A round on disk."""
+
+_log = logging.getLogger(__name__)
 
 
 @names_checked
@@ -126,6 +129,10 @@ def calibrate(
         If the budget is too small for a first design and a certificate.
     StoreMismatchError
         If `store` belongs to another calibration.
+
+    Notes
+    -----
+    What each round has found is logged: ``logging.basicConfig(level=logging.INFO)`` shows it.
     """
     settings = DEFAULT.made({}) if surrogate is None else surrogate
     law = _law(discrepancy)
@@ -229,6 +236,7 @@ class _Loop:
             if not entry["again"]:
                 self.true.make(self.last.points(self.space.dimension))
             self.rounds.append(self._judged(entry, surrogate, self.last, training))
+            _log.info("%s", self.rounds[-1])
             certificate = self.rounds[-1].certificate
             spent = self._left(len(self.true)) < 0 and not self._to_be_judged_again
             if certificate is not None and (certificate.certified or spent):

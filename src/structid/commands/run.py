@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.commands.screen import FAILED, errors, finish, screen, stage
+from structid.commands.screen import FAILED, errors, finish, rounds_on_screen, screen, stage
 from structid.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,7 +37,10 @@ def run(
     ] = False,
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
-    finish(worked_on_screen(study, Path(study.stem) if out is None else out, resume, executor, retry, adopt))
+    folder = Path(study.stem) if out is None else out
+    with rounds_on_screen():
+        outcome = worked_on_screen(study, folder, resume, executor, retry, adopt)
+    finish(outcome)
 
 
 def worked_on_screen(

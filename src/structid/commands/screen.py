@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import logging
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
@@ -23,26 +25,36 @@ WRONG_INPUT = 2
 NOT_CONVERGED = 3
 """Exit code: done, but not converged or not certified."""
 
+SILENCE = 30.0
+"""Seconds after which a stage that goes on says so where there is no terminal."""
+
 screen = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
 
 @contextmanager
 def stage(name: str, passing: bool = False) -> Iterator[Any]:
-    """Open a progress bar with rate and time left.
+    """Show how much of a stage is done: a progress bar, or lines where there is no terminal.
 
     Parameters
     ----------
     name : str
         What is going on.
     passing : bool
-        The bar vanishes at its end, and is not written where there is no terminal.
+        The bar vanishes at its end, and nothing is written where there is no terminal.
 
     Yields
     ------
     callable
-        Takes the amount done and the total.
+        Takes the amount done, the total, and how many have failed.
     """
+    with _bar(name, passing) if screen.is_terminal else _lines(name, passing) as told:
+        yield told
+
+
+@contextmanager
+def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
+    """A bar with rate and time left."""
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
@@ -53,7 +65,7 @@ def stage(name: str, passing: bool = False) -> Iterator[Any]:
     )
 
     columns = (
-        TextColumn("{task.description:<24}"),
+        TextColumn("{task.description:<30}"),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
@@ -62,7 +74,7 @@ def stage(name: str, passing: bool = False) -> Iterator[Any]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=screen, transient=passing, disable=passing and not screen.is_terminal) as bar:
+    with Progress(*columns, console=screen, transient=passing) as bar:
         task = bar.add_task(name, total=None, rate="", failed="")
 
         def told(done: int, total: int, failed: int = 0) -> None:
@@ -73,6 +85,49 @@ def stage(name: str, passing: bool = False) -> Iterator[Any]:
         yield told
         total = bar.tasks[0].total or 1
         bar.update(task, completed=total, total=total)
+
+
+@contextmanager
+def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
+    """A line at the end, and one every half minute: for a file, or the output of a batch queue."""
+    began = said = time.monotonic()
+    what = ""
+
+    def say(end: str = "") -> None:
+        if not silent:
+            after = f"{time.monotonic() - began:.0f} s{end}"
+            screen.print(f"{name:<30} {what:>13}  {after}", markup=False, soft_wrap=True)
+
+    def told(done: int, total: int, failed: int = 0) -> None:
+        nonlocal said, what
+        what = f"{done:,}/{total:,}" + (f", {failed} failed" if failed else "")
+        if time.monotonic() > said + SILENCE:
+            said = time.monotonic()
+            say(", going on")
+
+    yield told
+    say()
+
+
+@contextmanager
+def rounds_on_screen() -> Iterator[None]:
+    """Print what every round of a calibration has found, as it is logged."""
+    log, handler = logging.getLogger("structid.calibration"), _OnScreen(logging.INFO)
+    level = log.level
+    log.addHandler(handler)
+    log.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+
+
+class _OnScreen(logging.Handler):
+    """Messages of a log on the screen, above a progress bar."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        screen.print(record.getMessage(), style="bold", markup=False, soft_wrap=True)
 
 
 def print_table(heads: list[str], rows: list[list[str]]) -> None:

@@ -68,12 +68,15 @@ class Cost:
         How the campaign's runs are spent on a certified calibration.
     otherwise : Part or None
         What sampling takes instead, if the data choose parameters that drift.
+    longest : float or None
+        In all, if a certified calibration uses its whole budget [s].
     """
 
     parts: tuple[Part, ...]
     batch: int
     plan: Plan | None = None
     otherwise: Part | None = None
+    longest: float | None = None
 
     @property
     def seconds(self) -> float:
@@ -91,7 +94,7 @@ class Cost:
             lines.append(f"{part.what}: {self._counted(part)}about {duration(part.seconds)}")
             if part.what == "Campaign" and self.plan is not None:
                 lines.append(_rounds(self.plan))
-        lines.append(f"In all about {duration(self.seconds)} on this machine.")
+        lines.append(f"In all about {duration(self.seconds)} on this machine{self._at_most}.")
         if self.otherwise is not None:
             lines.append(
                 f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead."
@@ -106,6 +109,13 @@ class Cost:
                 "With --executor the runs of an external model are shared out: divide by the number of workers."
             )
         return "\n".join(lines)
+
+    @property
+    def _at_most(self) -> str:
+        if self.longest is None or self.plan is None or duration(self.longest) == duration(self.seconds):
+            return ""
+        rounds = f"{USUAL_ROUNDS} rounds make the surrogate good enough"
+        return f" if {rounds}, {duration(self.longest)} if it takes all {self.plan.rounds}"
 
     def _counted(self, part: Part) -> str:
         if not part.runs:
@@ -160,6 +170,7 @@ def estimate(study: BuiltStudy) -> Cost:
         Part by part.
     """
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
+    more = 0.0
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
     runs = _true_runs(study)
@@ -170,7 +181,9 @@ def estimate(study: BuiltStudy) -> Cost:
     otherwise = None
     if study.posterior is not None:
         if study.has_surrogate:
-            parts += _through_a_surrogate(study)
+            usual, every = _rounds_of(study)
+            parts += _through_a_surrogate(study, usual)
+            more = _sum(_through_a_surrogate(study, every)) - _sum(_through_a_surrogate(study, usual))
         elif study.posterior.costs_runs:
             evaluations = study.sampler.evaluations(study.posterior.dimension)
             parts.append(Part("Sampling", evaluations * each, evaluations))
@@ -184,7 +197,7 @@ def estimate(study: BuiltStudy) -> Cost:
             again = of_each * len(asked.records) * len(asked.levels)
             parts.append(Part("Records of rising strength", again * each, again))
         parts.append(Part("Predictions, figures and page", PAGE))
-    return Cost(tuple(parts), batch, study.plan, otherwise)
+    return Cost(tuple(parts), batch, study.plan, otherwise, _sum(parts) + more if more else None)
 
 
 def _true_runs(study: BuiltStudy) -> int:
@@ -199,17 +212,29 @@ def _true_runs(study: BuiltStudy) -> int:
     return runs
 
 
-def _through_a_surrogate(study: BuiltStudy) -> list[Part]:
-    """A surrogate fitted, explored and sampled, by what that took on the benchmark study."""
+def _rounds_of(study: BuiltStudy) -> tuple[int, int]:
+    """Surrogates that are usually fitted, and those that the budget has runs for."""
+    if study.plan is None:
+        return 1, 1
+    return min(study.plan.rounds, USUAL_ROUNDS) + 1, study.plan.rounds + 1
+
+
+def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
+    """Surrogates fitted, explored and sampled, by what that took on the benchmark study."""
     longer = sum(len(o.record) * len(o.channels) for o in study.sampled.observations) / BENCHMARK_SAMPLES
-    rounds = 1 if study.plan is None else min(study.plan.rounds, USUAL_ROUNDS) + 1
+    # Where a surrogate is not good enough after the usual rounds, its posterior is wide, and takes more of everything.
+    harder = max(1.0, rounds / (USUAL_ROUNDS + 1))
     parts = [Part("Fitting the surrogate", SURROGATE["fitting"] * rounds * longer)]
     if study.plan is not None:
         parts.append(Part("Exploring its posterior", SURROGATE["exploring"] * rounds * longer))
     if study.law_is_open:
         what = "choosing the law of the errors"
-        parts.append(Part(what.capitalize(), SURROGATE[what] * longer))
-    return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer)]
+        parts.append(Part(what.capitalize(), SURROGATE[what] * longer * harder))
+    return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer * harder)]
+
+
+def _sum(parts: list[Part]) -> float:
+    return sum(part.seconds for part in parts)
 
 
 def _drifting(study: BuiltStudy) -> Posterior | None:

@@ -1,0 +1,195 @@
+"""The question: are draws whose density is known at them alone told from those of another density, and good ones let pass.
+
+Run with ``python benchmarks/draws_by_values.py [--quick]``.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import common
+import numpy as np
+import scipy
+
+import structid as si
+from structid.calibration.fitted_to_draws import ValuesAtDraws
+from structid.calibration.stein_identity import not_its_draws
+
+NAME = "draws_by_values"
+SEEDS = 12
+DRAWS = 8000
+WIDE = 1e3
+"""Bounds of the priors, in standard deviations, of densities that fall to zero before."""
+HEADS = ["draws", "right is", "let pass", "refused: not these values", "refused: another density's", "not told", "s"]
+REFUSALS = ("a log density that is not that of the draws", "these are not draws of the given density", "cannot be told")
+"""By a density that is fitted to them, by Stein's identity, and where its errors are too large."""
+LogDensity = Callable[[np.ndarray], np.ndarray]
+"""Of points, shape (point, parameter)."""
+Sampler = Callable[[np.random.Generator], np.ndarray]
+"""Draws, shape (draw, parameter) or (chain, draw, parameter)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """Draws of a density.
+
+    Parameters
+    ----------
+    log_density : callable
+        Known at the draws alone.
+    sampler : callable
+        Makes the draws.
+    dimension : int
+        Parameters.
+    bound : float
+        The priors are uniform between −bound and bound.
+    right : str
+        What should be done with them.
+    """
+
+    log_density: LogDensity
+    sampler: Sampler
+    dimension: int
+    bound: float = WIDE
+    right: str = "let pass"
+
+
+# --- densities and draws --------------------------------------------------------------------------------------------
+
+
+def normal(theta: np.ndarray) -> np.ndarray:
+    return np.asarray(-0.5 * (theta**2).sum(axis=-1))
+
+
+def student(theta: np.ndarray) -> np.ndarray:
+    return np.asarray(scipy.stats.t(5).logpdf(theta).sum(axis=-1))
+
+
+def exponential(theta: np.ndarray) -> np.ndarray:
+    """Falls from its largest value, which is at a bound of the prior."""
+    return np.asarray(-2.0 * (theta + 1.0).sum(axis=-1))
+
+
+def ridge(theta: np.ndarray) -> np.ndarray:
+    """Rosenbrock's density: narrow and bent."""
+    return np.asarray(-((1.0 - theta[..., 0]) ** 2) - 100.0 * (theta[..., 1] - theta[..., 0] ** 2) ** 2)
+
+
+def of_the_exponential(rng: np.random.Generator) -> np.ndarray:
+    return -1.0 - 0.5 * np.log1p(-rng.random((DRAWS, 3)) * (1.0 - np.exp(-4.0)))
+
+
+def of_the_ridge(rng: np.random.Generator) -> np.ndarray:
+    along = rng.normal(1.0, np.sqrt(0.5), DRAWS)
+    return np.column_stack([along, rng.normal(along**2, np.sqrt(0.005))])
+
+
+def of_the_normal(dimension: int, draws: int = DRAWS) -> Sampler:
+    return lambda rng: rng.standard_normal((draws, dimension))
+
+
+def kept(sampler: Sampler, inside: Callable[[np.ndarray], np.ndarray]) -> Sampler:
+    """Draws of a part."""
+
+    def part(rng: np.random.Generator) -> np.ndarray:
+        theta = sampler(rng)
+        return theta[inside(theta)]
+
+    return part
+
+
+def random_walk(dimension: int, steps: int, scale: float) -> Sampler:
+    """Four chains of Metropolis, begun at draws of the law."""
+
+    def chains(rng: np.random.Generator) -> np.ndarray:
+        theta, found = rng.standard_normal((4, dimension)), []
+        for _ in range(steps):
+            proposed = theta + scale * rng.standard_normal(theta.shape)
+            accepted = np.log(rng.random(4)) < normal(proposed) - normal(theta)
+            theta = np.where(accepted[:, None], proposed, theta)
+            found.append(theta)
+        return np.swapaxes(np.array(found), 0, 1)
+
+    return chains
+
+
+def cases() -> dict[str, Drawn]:
+    """All of them: good draws, then bad ones, then those of which the slope tells nothing."""
+    found = {f"normal, d = {d}": Drawn(normal, of_the_normal(d), d) for d in (1, 4, 10)}
+    found |= {
+        "normal, d = 4, chains of Metropolis": Drawn(normal, random_walk(4, 2000, 1.0), 4),
+        "Student, five degrees of freedom, d = 4": Drawn(student, lambda rng: rng.standard_t(5, (DRAWS, 4)), 4),
+        "exponential from a bound of the prior, d = 3": Drawn(exponential, of_the_exponential, 3, bound=1.0),
+    }
+    for d in (1, 4, 10):
+        whole = of_the_normal(d)
+        found[f"half of a normal law, d = {d}"] = Drawn(
+            normal, kept(whole, lambda x: x[:, 0] < 0.0), d, right="refused"
+        )
+        found[f"a tenth is missing, d = {d}"] = Drawn(normal, kept(whole, lambda x: x[:, 0] < 1.28), d, right="refused")
+        found[f"within one sd, d = {d}"] = Drawn(
+            normal, kept(whole, lambda x: np.abs(x[:, 0]) < 1.0), d, right="refused"
+        )
+    narrow, few = Drawn(ridge, of_the_ridge, 2), of_the_normal(4, 100)
+    return found | {
+        "bent ridge": narrow,
+        "half of a bent ridge": Drawn(ridge, kept(of_the_ridge, lambda x: x[:, 0] < 1.0), 2, right="refused"),
+        "a hundred draws, normal, d = 4": Drawn(normal, few, 4),
+    }
+
+
+# --- what is said ---------------------------------------------------------------------------------------------------
+
+
+def said(drawn: Drawn, seed: int) -> str:
+    """What stands against the draws: nothing, or a sentence."""
+    rng = np.random.default_rng(seed)
+    names = tuple(f"x{i}" for i in range(drawn.dimension))
+    space = si.ParameterSpace(**{name: si.Uniform(-drawn.bound, drawn.bound) for name in names})
+    bounds = dict.fromkeys(names, (-drawn.bound, drawn.bound))
+    target = si.LogDensity(drawn.log_density, names, space, bounds)
+    draws = drawn.sampler(rng)
+    draws = draws if draws.ndim == 3 else draws[None]
+    values = drawn.log_density(draws.reshape(-1, drawn.dimension))
+    try:
+        return "".join(not_its_draws(ValuesAtDraws(target, draws, values, rng), rng))
+    except si.InputError as refused:
+        return str(refused)
+
+
+def row(case: str, drawn: Drawn, seeds: int) -> list[str]:
+    began = time.perf_counter()
+    sentences = [said(drawn, seed) for seed in range(seeds)]
+    seconds = (time.perf_counter() - began) / seeds
+    counts = [sum(part in sentence for sentence in sentences) for part in REFUSALS]
+    return [case, drawn.right, f"{seeds - sum(counts)} of {seeds}", *map(str, counts), f"{seconds:.1f}"]
+
+
+def main() -> None:
+    quick = common.is_quick(__doc__.splitlines()[0])
+    found = []
+    for case, drawn in cases().items():
+        if quick and drawn.dimension > 4:
+            continue
+        found.append(row(case, drawn, 1 if quick else SEEDS))
+        print(" | ".join(found[-1]), flush=True)
+    text = f"""## Draws that come with values alone
+
+`benchmarks/draws_by_values.py`. {common.machine()}.
+
+Draws of another program often come with the log density at them, and without the density as a function. What `si.certify`
+says of them before any run of the model, by Stein's identity ([theory](theory/certificate.md)). A row is {SEEDS} samples, of
+{DRAWS:,} draws before a part is taken away. "Not these values": a density that is fitted to the draws contradicts the values.
+"Not told": the identity's errors are so large that half of a law would pass, so that nothing is certified.
+
+{common.markdown_table(HEADS, found)}
+"""
+    common.record_result(NAME, quick=quick, machine=common.machine(), rows=found)
+    common.write_section(common.documents(quick) / "benchmarks.md", NAME, text)
+    print(text)
+
+
+if __name__ == "__main__":
+    main()
