@@ -35,6 +35,33 @@ def test_priors_that_are_not_physical(prior, words):
         posterior(**prior)
 
 
+@pytest.mark.parametrize(
+    ("exponent", "unit", "factor"), [(1.0, "1/mm", 1e3), (2.0, "1/mm^2", 1e6), (1.5, "1/m^1.5", 1.0)]
+)
+def test_shapes_are_in_a_power_of_length_that_goes_with_the_exponent(exponent, unit, factor):
+    space = si.ParameterSpace(beta=si.Uniform(0.05, 0.07, unit=unit))
+    model = si.BoucWen(**{k: v for k, v in KNOWN.items() if k != "beta"}, exponent=exponent, free=("beta",))
+    assert si.Posterior(space, model, MEASURED).factors[0] == pytest.approx(factor)
+    wrong = si.ParameterSpace(beta=si.Uniform(0.05, 0.07, unit="1/m^3"))
+    with pytest.raises(InputError, match=rf"unit of the prior of 'beta'.*1/m\^{exponent:g}"):
+        si.Posterior(wrong, model, MEASURED)
+
+
+def test_shapes_of_an_unknown_exponent_are_plain_numbers():
+    """1/mm would make them 1000 times as large, or a million times."""
+    shapes = dict(exponent=si.Uniform(1.0, 2.0))
+    assert posterior(beta=si.Uniform(40.0, 60.0), **shapes).dimension == 3
+    with pytest.raises(InputError, match=r"unit of the prior of 'beta'.*not one known number"):
+        posterior(beta=si.Uniform(0.04, 0.06, unit="1/mm"), **shapes)
+    own = dict(KNOWN, exponent=(1.0, 2.0), beta=60.0)
+    frame = si.ShearFrame(storeys=2, **{**own, "beta": None}, free=("beta_1", "beta_2"), channels=("displacement_2",))
+    space = si.ParameterSpace(beta_1=si.Uniform(40.0, 60.0, unit="1/m"), beta_2=si.Uniform(40.0, 60.0, unit="1/m^2"))
+    assert (
+        si.Posterior(space, frame, si.Observation(RECORD, np.sin(RECORD.time), channels=("displacement_2",))).dimension
+        == 3
+    )
+
+
 def test_the_tail_of_a_normal_prior_is_nobodys_mistake():
     assert posterior(stiffness=si.Normal(7.4, 2.0, unit="kN/mm")).dimension == 2
 

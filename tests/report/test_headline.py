@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.inference.assessment.prior_warnings import prior_warnings
 from structid.report.headline import comparison_headline, headline
 
 SPACE = si.ParameterSpace(
@@ -14,7 +15,7 @@ SPACE = si.ParameterSpace(
 
 
 def material(
-    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), warnings=(),
+    draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), against_priors=(),
     certificate=None, surrogate=None, cost=None,
 ):  # fmt: skip
     """What a calibration leaves, as far as the first screen looks at it; numbers in display units."""
@@ -26,7 +27,11 @@ def material(
     if elsewhere is not None:
         columns["sd_elsewhere"] = np.array(elsewhere)
     verdict = SimpleNamespace(
-        converged=converged, wrong_model=wrong_model, wrong_law=wrong_law, warnings=warnings, unexplained=0.01
+        converged=converged,
+        wrong_model=wrong_model,
+        wrong_law=wrong_law,
+        against_priors=against_priors,
+        unexplained=0.01,
     )
     return SimpleNamespace(
         result=SimpleNamespace(verdict=lambda: verdict, cost=cost),
@@ -114,14 +119,29 @@ def test_a_law_that_is_wrong_is_a_doubt():
 
 def test_a_prior_that_the_data_contradict_comes_first():
     rng = np.random.default_rng(3)
-    draws = rng.normal([7.6, 0.6, 50.5], [0.05, 0.06, 0.2], (4000, 3))
-    bound = "the posterior of beta sits on the lower bound of its prior: the data would go further"
-    tail = "the posterior of alpha lies in the far tail of its prior (at probability 1): prior and data disagree"
-    found = headline(material(draws, warnings=(bound, tail), wrong_model=("It drifts.",)))
-    assert found.further[0].startswith("The posterior of beta") and "Widen the prior" in found.further[0]
-    assert found.further[1].startswith("The posterior of alpha") and "Do not take" in found.further[2]
+    draws = rng.normal([7.6, 0.6, 50.0], [0.05, 0.06, 0.2], (4000, 3))
+    draws[:, 2] = 50.0 + np.abs(draws[:, 2] - 50.0)
+    space = si.ParameterSpace(
+        stiffness=si.Uniform(5.0, 9.0, unit="kN/mm"),
+        alpha=si.Normal(0.1, 0.05),
+        beta=si.Uniform(50.0, 70.0, unit="1/m"),
+    )
+    against = tuple(prior_warnings(space, draws * space.factors))
+    found = headline(material(draws, against_priors=against, wrong_model=("It drifts.",)))
+    assert (
+        found.further[0].startswith("The posterior of alpha lies in the far tail") and "the units" in found.further[0]
+    )
+    assert found.further[1].startswith("The posterior of beta sits on the lower bound") and "Widen" in found.further[1]
+    assert "Do not take" in found.further[2]
     # As wide as its prior, and far from it: the data say a lot.
     assert not any("say little" in said for said in found.unsaid)
+
+
+def test_what_drifts_as_far_as_its_prior_is_not_known_on_another_record():
+    found = headline(material(elsewhere=(0.2, 0.005, 6.0), wrong_model=("It drifts.",)))
+    said = [said for said in found.unsaid if "another record" in said]
+    assert len(said) == 1 and "β" in said[0] and "stiffness" not in said[0] and "it drifts" in said[0]
+    assert not any("another record" in said for said in headline(material(elsewhere=(0.2, 0.005, 0.2))).unsaid)
 
 
 def test_the_best_prediction_may_be_worse_than_none():

@@ -12,6 +12,7 @@ from structid.inference.assessment.certificate import Certificate
 from structid.inference.assessment.prediction import Prediction, first_that_takes, predict
 from structid.inference.assessment.representation import Representation
 from structid.inference.assessment.summary import Summary
+from structid.inference.assessment.verdict import Verdict
 from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Evidence
@@ -153,9 +154,24 @@ class CalibrationResult(ShownAsText):
         return self.sampling.cost is not None
 
     @property
+    def certified(self) -> bool:
+        """Whether true runs certify that the surrogate's posterior is the model's."""
+        return self.certificate.certified
+
+    def verdict(self) -> Verdict:
+        """Say whether the sampling has converged, and what speaks against the model and the law of the errors.
+
+        Returns
+        -------
+        Verdict
+            ``print`` it. The certificate is another question: see `certified`.
+        """
+        return self.sampling.verdict()
+
+    @property
     def trusted(self) -> bool:
         """Whether the numbers may be believed: certified, or draws of the model itself that have converged."""
-        return self.sampling.verdict().converged if self.exact else self.certificate.certified
+        return self.verdict().converged if self.exact else self.certified
 
     @property
     def reweighted(self) -> bool:
@@ -263,4 +279,4 @@ class CalibrationResult(ShownAsText):
     def __str__(self) -> str:
         again = [] if self.representation is None else [f"  {line}" for line in str(self.representation).splitlines()]
         rounds = [f"  {r}" for r in self.rounds]
-        return "\n".join([str(self.certificate), *again, *rounds, str(self.sampling.verdict()), str(self.summary())])
+        return "\n".join([str(self.certificate), *again, *rounds, str(self.verdict()), str(self.summary())])

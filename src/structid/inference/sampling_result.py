@@ -18,7 +18,7 @@ from structid.inference.assessment.diagnostics import parameter_diagnostics, stu
 from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
 from structid.inference.assessment.parameter_drift import ParameterDrift, drift_of
-from structid.inference.assessment.prior_warnings import prior_warnings
+from structid.inference.assessment.prior_warnings import PriorWarning, prior_warnings
 from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
 from structid.inference.assessment.summary import Summary
@@ -268,11 +268,12 @@ class SamplingResult(ShownAsText):
     @cached_property
     def _verdict(self) -> Verdict:
         accepted, (stuck, failures) = self.accepted[self.discarded :], self._convergence
-        unexplained = self._unexplained()
+        unexplained, against_priors = self._unexplained(), () if failures else self._against_priors()
         return Verdict(
             converged=not failures,
             failures=tuple(failures),
-            warnings=tuple(self._warnings(unexplained)),
+            warnings=(*(warned.said for warned in against_priors), *self._warnings(unexplained)),
+            against_priors=against_priors,
             wrong_model=() if failures else tuple(wrong_model(unexplained, self.drift, self.mean)),
             wrong_law=tuple(self._wrong_law()),
             parameters=self._diagnostics,
@@ -306,14 +307,16 @@ class SamplingResult(ShownAsText):
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
             return predictive.unexplained_fraction(self._measured, self.map_estimate)
 
+    def _against_priors(self) -> tuple[PriorWarning, ...]:
+        """Where prior and data disagree, of a target that has priors."""
+        space = getattr(self.target, "space", None)
+        return () if space is None else tuple(prior_warnings(space, self.flat))
+
     def _warnings(self, unexplained: float) -> list[str]:
-        """What the reader must know of the draws; of an unconverged run, only what may be wrong with the sampling."""
+        """What else the reader must know of the draws; of an unconverged run, only what may be wrong with the sampling."""
         found = []
-        if not self._convergence[1]:
-            space = getattr(self.target, "space", None)
-            found += [] if space is None else prior_warnings(space, self.flat)
-            if self._measured is not None:
-                found += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
+        if not self._convergence[1] and self._measured is not None:
+            found += surrogate_warnings(self._measured, self.thinned(10_000), unexplained, self.certified)
         if self.divergent:
             found.append(
                 f"{self.divergent} of {self.accepted.size} trajectories diverged: the posterior bends more sharply than NUTS can "

@@ -33,6 +33,7 @@ from structid.models.kind import ModelKind
 from structid.models.oscillator_equations import OscillatorEquations
 from structid.models.prior_checks import PHYSICAL_RANGES, check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.models.yield_point import DerivedQuantity, yield_point
 from structid.probability.space import ParameterSpace
 from structid.units import factor
 
@@ -289,6 +290,23 @@ class BoucWen(TraceableModel):
         law = Law(**{name: values[name] for name in Law._fields})
         k, m = (np.array([v]) if isinstance(v, float) else v for v in (values["stiffness"], values["mass"]))
         return HystereticSprings(np.ones((1, 1)), k, m, law)
+
+    def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
+        """Give yield displacement and yield force; see `Model.derived_quantities`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In the order of `free`.
+
+        Returns
+        -------
+        dict of str to DerivedQuantity
+            The two.
+        """
+        units = {"yield displacement": "mm", "yield force": "kN"}
+        found = (np.broadcast_to(v, len(theta)) for v in yield_point(self._values(theta)))
+        return {name: DerivedQuantity(v, unit) for v, (name, unit) in zip(found, units.items(), strict=True)}
 
     @property
     def content_hash(self) -> str:

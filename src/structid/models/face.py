@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -14,6 +14,7 @@ from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.models.pictures import ModelPicture
+from structid.models.yield_point import DerivedQuantity
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 
@@ -161,6 +162,21 @@ class Model(ABC):
             Each is drawn when it is asked for.
         """
         return ()
+
+    def derived_quantities(self, theta: np.ndarray) -> Mapping[str, DerivedQuantity]:
+        """What follows from the parameters, and says more to an engineer: a yield displacement, say.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+
+        Returns
+        -------
+        mapping of str to DerivedQuantity
+            By a name in words; none for a model that says nothing of it.
+        """
+        return {}
 
     def working_in(self, folder: Path) -> Model:
         """Return this model with a folder for the files that its runs leave, if they leave any.

@@ -10,7 +10,7 @@ import numpy as np
 from structid.errors import InputError, StructidWarning
 from structid.models.hysteretic_parameters import PARAMETER_UNITS
 from structid.probability.space import ParameterSpace
-from structid.units import check_power_of_length, factor_of
+from structid.units import check_power_of_length, factor, factor_of
 
 PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
     "mass": (0.0, np.inf),
@@ -79,7 +79,7 @@ def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> N
     for name in set(free) & set(space.names):
         unit, own = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
         if own and _plain(name) in ("beta", "gamma"):
-            check_power_of_length(own, f"unit of the prior of '{name}'")
+            _check_unit_of_shape(name, own, _exponent_of(name, free, model))
         elif own:
             factor_of(own, unit, f"unit of the prior of '{name}'")
     draws = space.sample(DRAWS, 0, "sobol")
@@ -96,6 +96,32 @@ def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> N
             )
     if asked := unstable_in_words(unstable_share(space, model)):
         warnings.warn(asked, StructidWarning, stacklevel=2)
+
+
+def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
+    """N of the spring that a shape parameter belongs to; None where it is unknown, or differs between springs that share it."""
+    if any(_plain(other) == "exponent" for other in free):
+        return None
+    exponent = getattr(model, "exponent", 1.0)
+    if not isinstance(exponent, tuple):
+        return float(exponent)
+    number = name.removeprefix(_plain(name)).lstrip("_")
+    return float(exponent[int(number) - 1]) if number else None
+
+
+def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
+    """Refuse another unit of β or γ than m⁻ⁿ: 1/mm would make them 1000 times as large, where it is a million for n = 2."""
+    where = f"unit of the prior of '{name}'"
+    if exponent is not None:
+        factor_of(own, f"1/m^{exponent:g}", where)
+        return
+    check_power_of_length(own, where)
+    if factor(own) != 1.0:
+        raise InputError(
+            where,
+            f"'{own}' with an exponent that is not one known number",
+            "a prior of plain numbers in m^-n, or '1/m'",
+        )
 
 
 def unstable_share(space: ParameterSpace, model: object) -> float:

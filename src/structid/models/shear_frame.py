@@ -28,6 +28,7 @@ from structid.models.hysteretic_parameters import (
 from structid.models.kind import ModelKind
 from structid.models.prior_checks import check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.models.yield_point import DerivedQuantity, yield_point
 from structid.probability.space import ParameterSpace
 
 STOREY_PARAMETERS = (
@@ -261,6 +262,24 @@ class ShearFrame(TraceableModel):
             raise InputError("ShearFrame", f"{', '.join(self.free)} free", "a frame whose parameters are numbers")
         values = self._values(np.zeros((1, 0)))
         return {n: v if isinstance(v, float) else np.ravel(v) for n, v in values.items() if v is not None}
+
+    def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
+        """Give yield drift and yield force of every storey; see `Model.derived_quantities`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In the order of `free`.
+
+        Returns
+        -------
+        dict of str to DerivedQuantity
+            Two a storey.
+        """
+        shape = (self.storeys, len(theta))
+        drift, force = (np.broadcast_to(v, shape) for v in yield_point(self._values(theta)))
+        found = {f"yield drift of storey {j}": DerivedQuantity(drift[j - 1], "mm") for j in self._numbers}
+        return found | {f"yield force of storey {j}": DerivedQuantity(force[j - 1], "kN") for j in self._numbers}
 
     def check_priors(self, space: ParameterSpace) -> None:
         """Refuse priors in another unit, or of values that are not physical; see `Model.check_priors`.

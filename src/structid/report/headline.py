@@ -216,6 +216,12 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
         said.append(
             f"The data say little of {_listed(little)}: what is known of {'it' if len(little) == 1 else 'them'} is in the prior."
         )
+    adrift = [pretty(p.name) for p in parameters if p.unknown_elsewhere and pretty(p.name) not in little]
+    if adrift:
+        said.append(
+            f"On another record the data say little of {_listed(adrift)}: while the structure moves, "
+            f"{'it drifts' if len(adrift) == 1 else 'they drift'} by about as much as the prior spreads."
+        )
     draws, weights = material.weighted_draws
     count = len(parameters)
     covariance = np.atleast_2d(np.cov(draws[:, :count].T, aweights=weights))
@@ -241,7 +247,7 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
         enough = calibration.enough_to_go_on
         return [f"Allow more runs of the model: true_runs = {enough} or more, and run it again with --resume."]
     # A prior that the data contradict comes before everything else that may be wrong.
-    said = [f"{warned[:1].upper()}{warned[1:]}. {_cure_of(warned)}" for warned in verdict.warnings if "prior" in warned]
+    said = [f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors]
     if verdict.wrong_model:
         said.append(
             "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "
@@ -268,13 +274,6 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
 def _hardly_known(parameters: list[LearntParameter]) -> list[LearntParameter]:
     """Parameters of which the posterior is about what the prior was; one that the data have moved is not among them."""
     return [p for p in parameters if p.narrowed < LITTLE and p.prior[0] <= p.mean <= p.prior[1]]
-
-
-def _cure_of(warned: str) -> str:
-    """What to do where prior and data disagree."""
-    if "bound of its prior" in warned:
-        return "Widen the prior if the structure may be beyond it, and run again."
-    return "Look whether the prior, the units or the model are right, and run again."
 
 
 def _listed(names: list[str]) -> str:

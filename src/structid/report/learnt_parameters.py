@@ -65,7 +65,15 @@ class LearntParameter:
     @property
     def narrowed(self) -> float:
         """How many times narrower the interval is than the prior's, given the model."""
-        return (self.prior[1] - self.prior[0]) / max(self.interval[1] - self.interval[0], np.finfo(np.float64).tiny)
+        return self._narrowed(self.interval)
+
+    @property
+    def unknown_elsewhere(self) -> bool:
+        """Whether the interval for another record is about the prior's."""
+        return self.elsewhere is not None and self._narrowed(self.elsewhere) < LITTLE
+
+    def _narrowed(self, interval: tuple[float, float]) -> float:
+        return (self.prior[1] - self.prior[0]) / max(interval[1] - interval[0], np.finfo(np.float64).tiny)
 
     @property
     def holds_truth(self) -> bool | None:

@@ -16,7 +16,7 @@ from structid.report import section_list
 from structid.report.certificate_material import CertificateMaterial
 from structid.report.comparison_material import ComparisonMaterial
 from structid.report.drawn import DrawnSection, draw
-from structid.report.head import posterior_table, run_table, sentence
+from structid.report.head import derived_table, posterior_table, run_table, sentence
 from structid.report.headline import comparison_headline, headline
 from structid.report.material import PosteriorMaterial, RunsMaterial
 from structid.report.programme_material import ProgrammeMaterial
@@ -70,6 +70,7 @@ def write_report(
         exp=np.exp,
         percent=percent,
         main=posterior_table(material),
+        derived=derived_table(material),
         sections=_shown(drawn, material, material.result.verdict().converged),
         settings=material.settings,
         run=run_table(material, timings),

@@ -34,7 +34,6 @@ from structid.report.sections import (
 )
 
 OF_A_CALIBRATION: tuple[Section[Any], ...] = (
-    certificate.SECTION,
     measured_response.SECTION,
     law_of_the_errors.SECTION,
     whitened_residuals.SECTION,
@@ -43,6 +42,7 @@ OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     deterministic_minima.SECTION,
     other_records.SECTION,
     chance_of_failure.SECTION,
+    certificate.SECTION,
     chain_convergence.SECTION,
     parameters_and_passages.SECTION,
     fitted_surrogate.SECTION,

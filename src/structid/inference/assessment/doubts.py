@@ -34,7 +34,9 @@ def wrong_model(unexplained: float, drift: ParameterDrift | None, mean: np.ndarr
     """
     found = []
     if unexplained > UNEXPLAINED_LIMIT:
-        found.append(f"Its best prediction leaves {unexplained:.0%} of the measurement's variance unexplained.")
+        found.append(
+            f"Its best prediction leaves {100.0 * unexplained:.0f} % of the measurement's variance unexplained."
+        )
     if drift is not None and drift.found:
         found.append(drift.sentence(mean))
     return found

@@ -101,9 +101,12 @@ class ParameterDrift:
             if shares[place] < min(TOLD * DRIFT_MEDIAN, shares.max()):
                 continue
             unit, size = marginal.unit, float(self.sd[place])
-            # Of a mean near zero, a share says nothing.
-            share = f" ({size / abs(mean[place]):.1%} of its mean)" if abs(mean[place]) > size else ""
-            parts.append(f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}{share}")
+            told = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
+            if shares[place] > 1.0:
+                told += " (more than the standard deviation of its prior)"
+            elif abs(mean[place]) > size:  # of a mean near zero, a share says nothing
+                told += f" ({100.0 * size / abs(mean[place]):.2g} % of its mean)"
+            parts.append(told)
         return (
             f"The parameters drift while the structure moves: {', '.join(parts)}. What is shown are their means over the measured "
             "record; on another record they may differ by as much."

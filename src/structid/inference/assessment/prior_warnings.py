@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from structid.probability.space import ParameterSpace
@@ -16,7 +18,22 @@ AT_BOUND_SDS, AT_BOUND_MASS = 0.25, 0.05
 """A bound cuts a marginal that has at least this mass within so many posterior standard deviations of it."""
 
 
-def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]:
+class PriorWarning(NamedTuple):
+    """A parameter of which prior and data disagree.
+
+    Parameters
+    ----------
+    said : str
+        Where they do.
+    cure : str
+        What to do about it, as a sentence.
+    """
+
+    said: str
+    cure: str
+
+
+def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[PriorWarning]:
     """Say where prior and data disagree.
 
     Parameters
@@ -28,8 +45,8 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]
 
     Returns
     -------
-    list of str
-        One sentence for each parameter where they disagree.
+    list of PriorWarning
+        One for each parameter where they disagree, or bound.
     """
     found = []
     for i, (name, marginal) in enumerate(space.marginals.items()):
@@ -50,10 +67,10 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[str]
                 further = (
                     "the data show nothing of it, or would go below zero" if at_zero else "the data would go further"
                 )
-                found.append(f"the posterior of {name} sits on the {side} bound of its prior: {further}")
+                said = f"the posterior of {name} sits on the {side} bound of its prior: {further}"
+                found.append(PriorWarning(said, "Widen the prior if the structure may be beyond it, and run again."))
         p = float(marginal.cdf(np.median(draws)))
         if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
-            found.append(
-                f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
-            )
+            said = f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"
+            found.append(PriorWarning(said, "Look whether the prior, the units or the model are right, and run again."))
     return found

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from structid.inference.assessment.diagnostics import ParameterDiagnostics, effective_sample_size
+from structid.inference.assessment.prior_warnings import PriorWarning
 from structid.inference.sampling.rest import still_moving
 from structid.notebook import ShownAsText
 
@@ -38,6 +39,8 @@ class Verdict(ShownAsText):
         What speaks against the model; not judged before the run has converged.
     wrong_law : tuple of str
         What speaks against the law of the errors; likewise.
+    against_priors : tuple of PriorWarning
+        Which of the warnings are of priors that the data contradict, and what to do about each.
     parameters : dict of str to ParameterDiagnostics
         The figures behind it.
     acceptance : ndarray, shape (ensemble, walker)
@@ -66,6 +69,7 @@ class Verdict(ShownAsText):
     needed_length: float
     wrong_model: tuple[str, ...] = ()
     wrong_law: tuple[str, ...] = ()
+    against_priors: tuple[PriorWarning, ...] = ()
 
     @property
     def doubt(self) -> str:

@@ -11,7 +11,11 @@ from structid.figures.style import pretty, pretty_unit
 from structid.optimize.minima import OptimizeResult
 from structid.report.material import PosteriorMaterial, simulated_loops
 from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Table
+from structid.report.tables import percent
 from structid.units import factor, label
+
+FURTHER, NOTICED = 2.0, 0.02
+"""Times that the MAP leaves more than least squares, and the share of the variance, from which on the page says why."""
 
 
 def _at_zero(value: float) -> str:
@@ -37,11 +41,32 @@ def _minima(material: PosteriorMaterial) -> Rows:
                 ]
             )
     size = len(names)
-    misfit = material.posterior.misfit
     for kind, theta in (("posterior MAP", material.result.map_estimate), ("posterior mean", material.result.mean)):
-        share = float(misfit(theta[None, :size])[0]) / misfit.scale
+        share = _unexplained(material, theta)
         rows.append([kind, *(f"{v:.5g}" for v in theta[:size] / factors), f"{share:.3%}", "–", "–"])
     return heads, rows
+
+
+def _unexplained(material: PosteriorMaterial, theta: np.ndarray) -> float:
+    """Share of the measurement's variance that a prediction leaves, in the sense of least squares."""
+    misfit = material.posterior.misfit
+    return float(misfit(theta[None, : material.posterior.model_space.dimension])[0] / misfit.scale)
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    """Why the MAP may be further from the measurement than least squares."""
+    if not material.searches:
+        return []
+    least = min(search.best.value / search.scale for search in material.searches.values())
+    of_map = _unexplained(material, material.result.map_estimate)
+    if of_map < max(FURTHER * least, NOTICED):
+        return []
+    return [
+        f"Least squares leave {percent(least)} of the measured variance, the MAP {percent(of_map)}. Least squares seek the nearest "
+        "history, and know neither priors nor the law of the errors. Under errors that are correlated, a long deviation costs "
+        "little; so the posterior lets the model be further away, and calls the rest an error. Where they differ this much, look "
+        "at what the model lacks."
+    ]
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
@@ -84,5 +109,11 @@ def _identified(material: PosteriorMaterial) -> Picture:
 
 
 SECTION = Section(
-    "deterministic", "Deterministic calibration beside it", _drawings, _tables, under_doubt=NEAREST, of_draws=False
+    "deterministic",
+    "Deterministic calibration beside it",
+    _drawings,
+    _tables,
+    _words,
+    under_doubt=NEAREST,
+    of_draws=False,
 )

@@ -1,0 +1,47 @@
+"""Where a hysteretic spring yields, as an engineer would say it: what follows from stiffness, β, γ and n."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class DerivedQuantity(NamedTuple):
+    """What follows from a model's parameters.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run,)
+        In SI.
+    unit : str
+        In which it is shown, such as ``"mm"``.
+    """
+
+    values: np.ndarray
+    unit: str
+
+
+def yield_point(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """The corner of a spring's first loading, where the line of its initial stiffness meets that of its final one.
+
+    u_y = z_u/A₀,   z_u = [A₀/(β+γ)]^(1/n)                             [3.10, without degradation]
+    F_y = [α + (1−α) A₀] k_i u_y
+
+    Parameters
+    ----------
+    values : mapping of str to float or ndarray
+        ``stiffness``, ``alpha``, ``beta``, ``gamma``, ``exponent`` and ``amplitude`` in SI.
+
+    Returns
+    -------
+    tuple of ndarray
+        Displacement [m] and force [N]; infinite where β + γ is not positive, for the spring stiffens there.
+    """
+    alpha, amplitude = values["alpha"], values["amplitude"]
+    both = np.asarray(values["beta"] + values["gamma"], dtype=np.float64)
+    yielding = both > 0.0
+    strength = np.where(yielding, amplitude / np.where(yielding, both, 1.0), np.inf) ** (1.0 / values["exponent"])
+    displacement = strength / amplitude
+    return displacement, (alpha + (1.0 - alpha) * amplitude) * values["stiffness"] * displacement
