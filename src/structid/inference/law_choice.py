@@ -130,7 +130,8 @@ class LawChoice(ShownAsText):
         next_best = max(others, key=lambda place: others[place])
         ahead = self.evidences[self.chosen].value - others[next_best]
         if ahead >= 0.0:
-            return f", {ahead:.3g} nats ahead of {self.laws[next_best]}"
+            nats = f"{ahead:.3g}" if ahead < 1000.0 else f"{ahead:,.0f}"
+            return f", {nats} nats ahead of {self.laws[next_best]}"
         return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
 
     def __str__(self) -> str:

@@ -168,9 +168,12 @@ def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
 
 
 def _elsewhere(told: dict[str, float], bounds: np.ndarray) -> tuple[float, float] | None:
-    """The interval for another record: of a normal law with the sd and the drift together, within the prior's bounds."""
+    """The interval for another record: of a normal law with the sd and the drift together, within the prior's bounds.
+
+    It holds that of the measured record, which is of no normal law.
+    """
     if not told.get("sd_elsewhere", 0.0) > told["sd"]:
         return None
     ends = told["mean"] + NORMAL * told["sd_elsewhere"] * np.array([-1.0, 1.0])
     low, high = np.clip(ends, *bounds)
-    return float(low), float(high)
+    return min(float(low), told["q05"]), max(float(high), told["q95"])

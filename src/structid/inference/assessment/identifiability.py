@@ -64,11 +64,13 @@ class Identifiability:
         Returns
         -------
         str
-            Such as ``"0.98 beta − 0.20 alpha"``, in prior standard deviations.
+            Such as ``"0.98 beta − 0.20 alpha"``, in prior standard deviations; a name alone where it is of one parameter.
         """
         vector = self.eigenvectors[:, index]
         vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.1]
+        if len(order) == 1:
+            return self.names[order[0]]
         text = " ".join(f"{'−' if vector[i] < 0 else '+'} {abs(vector[i]):.2f} {self.names[i]}" for i in order)
         return text.removeprefix("+ ")
 

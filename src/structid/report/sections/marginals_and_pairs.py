@@ -98,7 +98,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
     information = material.information
     if information is None or not information.unseen:
         return []
-    return [f"The data say less than the prior about: {'; '.join(information.unseen)}."]
+    return [f"The data say less than the prior about {'; '.join(information.unseen)}."]
 
 
 SECTION = Section("posterior", "Posterior", _drawings, _tables, _words, NEAREST)
