@@ -5,7 +5,7 @@ import logging
 import pytest
 
 from structid.commands import screen as screens
-from structid.commands.screen import rounds_on_screen, stage
+from structid.commands.screen import findings_on_screen, stage
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def test_a_passing_stage_leaves_nothing(capsys, seconds):
 
 def test_rounds_are_printed_while_a_command_runs(capsys):
     log = logging.getLogger("structid.calibration.sequential")
-    with rounds_on_screen():
+    with findings_on_screen():
         log.info("%s", "round 1")
     log.info("%s", "round 2")
     assert capsys.readouterr().out == "round 1\n"

@@ -31,6 +31,7 @@ TOPICS = {
     "reliability": "First passages and fragility",
     "optimize": "Deterministic calibration",
     "hybrid": "Hybrid tests",
+    "report": "The report",
     "progress_bars": "In a notebook",
     "errors": "Errors and statuses",
     "channels": "Channels and units",

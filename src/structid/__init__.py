@@ -116,6 +116,7 @@ _PUBLIC = {
     "sample": "inference.sample",
     "sbc": "inference.assessment.simulation_based_calibration",
     "sensitivity": "reliability.sensitivity",
+    "write_report": "report.from_python",
 }
 """Public names, and the modules they live in."""
 

@@ -84,6 +84,7 @@ from structid.reliability.passage_probability import passage_probability as pass
 from structid.reliability.passages import Passages as Passages
 from structid.reliability.passages import passages as passages
 from structid.reliability.sensitivity import sensitivity as sensitivity
+from structid.report.from_python import write_report as write_report
 from structid.runs import Runs as Runs
 from structid.solvers.callable import CallableModel as CallableModel
 from structid.solvers.program import OutputFile as OutputFile

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from structid.commands.screen import FAILED, errors, finish, rounds_on_screen, screen, stage
+from structid.commands.screen import FAILED, errors, findings_on_screen, finish, screen, stage
 from structid.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def run(
 ) -> None:
     """Run a study: true runs, deterministic calibration, sampling, prediction, report."""
     folder = Path(study.stem) if out is None else out
-    with rounds_on_screen():
+    with findings_on_screen():
         outcome = worked_on_screen(study, folder, resume, executor, retry, adopt)
     finish(outcome)
 

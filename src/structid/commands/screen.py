@@ -28,6 +28,9 @@ NOT_CONVERGED = 3
 SILENCE = 30.0
 """Seconds after which a stage that goes on says so where there is no terminal."""
 
+LOGGED = ("calibration", "inference")
+"""Rooms whose findings are shown on the way."""
+
 screen = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
@@ -110,17 +113,19 @@ def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
 
 
 @contextmanager
-def rounds_on_screen() -> Iterator[None]:
-    """Print what every round of a calibration has found, as it is logged."""
-    log, handler = logging.getLogger("structid.calibration"), _OnScreen(logging.INFO)
-    level = log.level
-    log.addHandler(handler)
-    log.setLevel(logging.INFO)
+def findings_on_screen() -> Iterator[None]:
+    """Print what is found on the way as it is logged: every round of a calibration, the law of the errors."""
+    logs, handler = [logging.getLogger(f"structid.{room}") for room in LOGGED], _OnScreen(logging.INFO)
+    levels = [log.level for log in logs]
+    for log in logs:
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
     try:
         yield
     finally:
-        log.removeHandler(handler)
-        log.setLevel(level)
+        for log, level in zip(logs, levels, strict=True):
+            log.removeHandler(handler)
+            log.setLevel(level)
 
 
 class _OnScreen(logging.Handler):

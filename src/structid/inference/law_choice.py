@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -34,6 +35,8 @@ EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correl
 
 ERRORS_APART = 2.0
 """A law is preferred to a simpler one where its log evidence is larger by more than so many of their combined errors."""
+
+_log = logging.getLogger(__name__)
 
 
 def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
@@ -115,11 +118,16 @@ class LawChoice(ShownAsText):
                 f"{self.laws[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, but their "
                 "hidden values could not be sampled reliably: independent populations disagree."
             )
-        said = f"The data choose {self.laws[self.chosen]}{self._margin}."
+        said = self.said
         if not self.posterior.law.inside:
             return said
         drift = ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)
         return " ".join(filter(None, (said, drift, self.remark)))
+
+    @property
+    def said(self) -> str:
+        """What was chosen, and by how much."""
+        return f"The data choose {self.laws[self.chosen]}{self._margin}."
 
     @property
     def _margin(self) -> str:
@@ -241,7 +249,9 @@ def choose_among(
         results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, place), kept, progress=told))
     if not any(np.isfinite(_evidence(r).value) for r in results):
         raise ConvergenceError("No law has an evidence: every simulation at draws of the prior fails.")
-    return LawChoice(tuple(results))
+    choice = LawChoice(tuple(results))
+    _log.info("%s", choice.said)
+    return choice
 
 
 def _posterior(result: SamplingResult) -> Posterior:

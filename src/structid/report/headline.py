@@ -264,10 +264,11 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
             "from tests."
         )
     if not said:
-        said.append("Use it: predict what other records do to the structure, with [[prediction.records]] in the study.")
         said.append(
-            "If there is another measurement, add it as a further [[observation]], or see whether it is predicted."
+            "Use it: predict what other records do to the structure, with [[prediction.records]] in a study or predict(record) in "
+            "Python."
         )
+        said.append("If there is another measurement, add it as a further observation, or see whether it is predicted.")
     return said
 
 

@@ -30,7 +30,7 @@ COMPARISON_PAGE = "comparison.html"
 """File of a comparison."""
 
 
-def write_report(
+def write_posterior_report(
     material: PosteriorMaterial, drawn: Sequence[DrawnSection], folder: Path, timings: dict[str, float]
 ) -> Path:
     """Write ``report.html`` of a calibration, with every figure inside it.

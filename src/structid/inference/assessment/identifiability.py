@@ -70,7 +70,7 @@ class Identifiability:
         vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
         order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.1]
         if len(order) == 1:
-            return self.names[order[0]]
+            return str(self.names[order[0]])
         text = " ".join(f"{'−' if vector[i] < 0 else '+'} {abs(vector[i]):.2f} {self.names[i]}" for i in order)
         return text.removeprefix("+ ")
 

@@ -8,7 +8,7 @@ from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
 from structid.report.drawn import draw
 from structid.report.material import PosteriorMaterial, RunsMaterial
-from structid.report.page import write_report, write_runs_report
+from structid.report.page import write_posterior_report, write_runs_report
 from structid.study.folder import FIGURES, POSTERIOR
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
@@ -42,7 +42,7 @@ def _write_page(material: PosteriorMaterial, place: Workplace) -> None:
     with place.stage("predicting and drawing") as progress, place.timings.measured("predicting and drawing"):
         drawn = draw(section_list.OF_A_CALIBRATION, material, place.folder / FIGURES, progress)
         material.result.to_netcdf(place.folder / POSTERIOR)
-    write_report(material, drawn, place.folder, place.timings.seconds)
+    write_posterior_report(material, drawn, place.folder, place.timings.seconds)
 
 
 def posterior_material(found: Findings, result: SamplingResult, place: Workplace) -> PosteriorMaterial:

@@ -1,0 +1,112 @@
+"""The report of a calibration that was made in Python, without a study file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, cast
+
+from structid.calibration.calibration_result import CalibrationResult
+from structid.errors import InputError, names_checked
+from structid.ground_motion.record import GroundMotion
+from structid.inference.law_choice import LawChoice
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult
+from structid.models.face import Progress
+from structid.report import section_list
+from structid.report.drawn import draw
+from structid.report.material import PosteriorMaterial
+from structid.report.page import write_posterior_report
+from structid.surrogates.face import Surrogate
+
+DRAWS = 400
+"""Draws of the bands."""
+
+
+@names_checked
+def write_report(
+    result: CalibrationResult | SamplingResult,
+    folder: str | os.PathLike[str],
+    *,
+    title: str = "Calibration",
+    other_records: Sequence[GroundMotion] = (),
+    true_values: dict[str, float] | None = None,
+    law_choice: LawChoice | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write ``report.html`` of a calibration: one file, with verdict, numbers and figures, as ``structid run`` writes it.
+
+    Parameters
+    ----------
+    result : CalibrationResult or SamplingResult
+        Of `calibrate`, or of `sample` with a `Posterior`.
+    folder : path-like
+        Where page and figures go; made if it is not there. A page that is there is replaced.
+    title : str
+        Heading of the page.
+    other_records : sequence of GroundMotion
+        For which the response is predicted.
+    true_values : dict of str to float, optional
+        True parameters in SI, of a virtual experiment.
+    law_choice : LawChoice, optional
+        Of `choose_law`; a calibration has its own.
+    progress : callable, optional
+        Called with the number of figures drawn and the total.
+
+    Returns
+    -------
+    Path
+        The page.
+
+    Raises
+    ------
+    InputError
+        If the draws are of no posterior of a model.
+    """
+    material = _material(result, title, tuple(other_records), true_values or {}, law_choice)
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    drawn = draw(section_list.OF_A_CALIBRATION, material, place / "figures", progress)
+    return write_posterior_report(material, drawn, place, {})
+
+
+def _material(
+    result: CalibrationResult | SamplingResult,
+    title: str,
+    other_records: tuple[GroundMotion, ...],
+    true_values: dict[str, float],
+    law_choice: LawChoice | None,
+) -> PosteriorMaterial:
+    calibration = result if isinstance(result, CalibrationResult) else None
+    sampling: SamplingResult = result if calibration is None else calibration.sampling  # type: ignore[assignment]
+    sampled = sampling.target
+    if not isinstance(sampled, Posterior):
+        raise InputError(
+            "write_report(result)",
+            f"draws of a {type(sampled).__name__}",
+            "draws of a Posterior: of a model and a measurement",
+        )
+    posterior = sampled if calibration is None else calibration.posterior
+    record: Any = posterior.observations[0].record
+    # A model that stands in for another one is a surrogate: nothing else does.
+    by_itself = None if posterior.model.stand_in is None else cast(Surrogate, posterior.model)
+    choice = law_choice if calibration is None else calibration.law_choice
+    return PosteriorMaterial(
+        title=title,
+        settings=f"{posterior.model}\n\n{posterior.model_space}\n\n{posterior.law}",
+        runs=None if calibration is None else calibration.runs,
+        surrogate=by_itself if calibration is None else calibration.surrogate,
+        result=sampling,
+        true_posterior=posterior,
+        searches={},
+        raw_record=record,
+        record=record,
+        truths=(None,) * len(posterior.observations),
+        true_values=true_values,
+        other_records=other_records,
+        prediction_draws=DRAWS,
+        calibration=calibration,
+        left_to_the_data=choice is not None,
+        law_choice=choice,
+    )
