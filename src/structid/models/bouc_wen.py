@@ -21,6 +21,7 @@ from structid.mechanics.hysteresis import Law
 from structid.mechanics.restoring_forces import HystereticSprings
 from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.mechanics.time_loop import TimeLoop
+from structid.models.derived_quantity import DerivedQuantity
 from structid.models.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
     PARAMETER_UNITS,
@@ -33,7 +34,7 @@ from structid.models.kind import ModelKind
 from structid.models.oscillator_equations import OscillatorEquations
 from structid.models.prior_checks import PHYSICAL_RANGES, check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
-from structid.models.yield_point import DerivedQuantity, yield_point
+from structid.models.yield_point import yield_point
 from structid.probability.space import ParameterSpace
 from structid.units import factor
 
@@ -304,9 +305,8 @@ class BoucWen(TraceableModel):
         dict of str to DerivedQuantity
             The two.
         """
-        units = {"yield displacement": "mm", "yield force": "kN"}
-        found = (np.broadcast_to(v, len(theta)) for v in yield_point(self._values(theta)))
-        return {name: DerivedQuantity(v, unit) for v, (name, unit) in zip(found, units.items(), strict=True)}
+        displacement, force = (np.broadcast_to(v, len(theta)) for v in yield_point(self._values(theta)))
+        return {"yield displacement": DerivedQuantity(displacement, "mm"), "yield force": DerivedQuantity(force, "kN")}
 
     @property
     def content_hash(self) -> str:

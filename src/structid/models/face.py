@@ -13,8 +13,8 @@ from structid.channels import ChannelUnit, standard_unit
 from structid.errors import InputError, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
+from structid.models.derived_quantity import DerivedQuantity
 from structid.models.pictures import ModelPicture
-from structid.models.yield_point import DerivedQuantity
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 

@@ -99,7 +99,7 @@ def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> N
 
 
 def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
-    """N of the spring that a shape parameter belongs to; None where it is unknown, or differs between springs that share it."""
+    """Exponent of the spring that β or γ belongs to; None where it is unknown, or differs between springs that share them."""
     if any(_plain(other) == "exponent" for other in free):
         return None
     exponent = getattr(model, "exponent", 1.0)

@@ -16,6 +16,7 @@ from structid.hashing import digest
 from structid.keys import Fraction, quantity
 from structid.mechanics.runge_kutta import runge_kutta_loop
 from structid.mechanics.time_loop import TimeLoop
+from structid.models.derived_quantity import DerivedQuantity
 from structid.models.frame_equations import FrameEquations, stiffness_matrix
 from structid.models.hysteretic_parameters import (
     DEFAULT_SUBSTEPS,
@@ -28,7 +29,7 @@ from structid.models.hysteretic_parameters import (
 from structid.models.kind import ModelKind
 from structid.models.prior_checks import check_priors, check_value
 from structid.models.traceable import TraceableModel, TracedExcitation
-from structid.models.yield_point import DerivedQuantity, yield_point
+from structid.models.yield_point import yield_point
 from structid.probability.space import ParameterSpace
 
 STOREY_PARAMETERS = (

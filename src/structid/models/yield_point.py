@@ -3,24 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-
-
-class DerivedQuantity(NamedTuple):
-    """What follows from a model's parameters.
-
-    Parameters
-    ----------
-    values : ndarray, shape (run,)
-        In SI.
-    unit : str
-        In which it is shown, such as ``"mm"``.
-    """
-
-    values: np.ndarray
-    unit: str
 
 
 def yield_point(values: Mapping[str, Any]) -> tuple[np.ndarray, np.ndarray]:

@@ -46,7 +46,7 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[Prio
     Returns
     -------
     list of PriorWarning
-        One for each parameter where they disagree, or bound.
+        One for each parameter of which they disagree.
     """
     found = []
     for i, (name, marginal) in enumerate(space.marginals.items()):

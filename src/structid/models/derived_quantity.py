@@ -1,0 +1,22 @@
+"""What follows from a model's parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class DerivedQuantity(NamedTuple):
+    """One quantity that follows from a model's parameters, of many runs.
+
+    Parameters
+    ----------
+    values : ndarray, shape (run,)
+        In SI.
+    unit : str
+        In which it is shown, such as ``"mm"``.
+    """
+
+    values: np.ndarray
+    unit: str
