@@ -24,6 +24,12 @@ def test_a_stage_is_one_line(capsys, seconds):
     assert capsys.readouterr().out.split() == ["true", "runs", "3/3,", "1", "failed", "15", "s"]
 
 
+def test_a_stage_that_ends_early_has_ended(capsys, seconds):
+    with stage("interior point") as told:
+        told(7, 10)
+    assert "10/10" in capsys.readouterr().out
+
+
 def test_a_long_stage_gives_a_sign_of_life_every_half_minute(capsys, seconds):
     with stage("sampling") as told:
         for done in range(1, 101):

@@ -57,6 +57,8 @@ class Observation:
     sd : array-like, shape (time,) or (time, channel), or float, optional
         Known standard deviation of every value's error in SI, such as an envelope. The law of the errors is then that of ε/sd: with
         ``IID(variance=1.0)`` they are taken as they are, and otherwise the law's variance, a pure number, multiplies their squares.
+    clock : float
+        What has been taken off the instrument's clock already [s]; the rest of `time_shift` is still in the values.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class Observation:
     time_shift: Marginal | None = None
     units: Mapping[str, str] = field(default_factory=dict)
     sd: np.ndarray | float | None = None
+    clock: float = 0.0
 
     def __post_init__(self) -> None:
         where = f"observation '{self.name}'" if self.name else "observation"
@@ -191,8 +194,8 @@ class Observation:
         dt : float, optional
             Time step [s] of a file without times.
         time_shift : Marginal or float, optional
-            When the record begins by the clock of the file [s]: the prior of an unknown shift, or a known one. The history is then
-            moved by it and cut to the record, and between samples it is interpolated by cubic splines.
+            When the record begins by the clock of the file [s], or its prior. The history is moved by it, or by the prior's median,
+            and cut to the record; between samples it is interpolated by cubic splines.
         sd : float, optional
             Known standard deviation of the errors in SI.
         sd_column : int, optional
@@ -207,8 +210,11 @@ class Observation:
         """
         others = () if sd_column is None else (sd_column,)
         start, step, values = read_columns(path, unit, dt, column, standard_unit(channel).si or None, others)
-        if isinstance(time_shift, (int, float)):
-            values = _on_the_clock_of(record, start - time_shift, step, values, str(path))
+        fits, clock = abs(start) <= 0.5 * step and len(values) == len(record), 0.0
+        if isinstance(time_shift, Marginal) and not fits:
+            clock = float(time_shift.quantile(np.array([0.5]))[0])
+        if isinstance(time_shift, (int, float)) or clock:
+            values = _on_the_clock_of(record, start - (clock or float(time_shift)), step, values, str(path))  # type: ignore[arg-type]
         elif abs(start) > 0.5 * step:
             raise InputError(
                 f"{path}",
@@ -220,7 +226,7 @@ class Observation:
         units = {} if standard_unit(channel).si else {channel: unit}
         known = values[:, 1] if others else sd
         nuisances |= {} if not isinstance(time_shift, Marginal) else {"time_shift": time_shift}
-        return cls(record, values[:, 0], (channel,), step, str(path), units=units, sd=known, **nuisances)
+        return cls(record, values[:, 0], (channel,), step, str(path), units=units, sd=known, clock=clock, **nuisances)
 
     def channel_unit(self, channel: str) -> ChannelUnit:
         """Units of a channel: as declared, or as its standard name defines them.
@@ -330,7 +336,7 @@ class Observation:
             gain · M(t − time_shift) + offset.
         """
         if self.time_shift is not None:
-            response = _shifted(response, unknown["time_shift"] / self.record.dt)
+            response = _shifted(response, (unknown["time_shift"] - self.clock) / self.record.dt)
         if self.gain is not None:
             response = response * jnp.stack([unknown[self._name("gain", c)] for c in self.channels])
         if self.offset is not None:
@@ -350,7 +356,9 @@ class Observation:
             "values": digest(self.values),
             "channels": list(self.channels),
             "nuisances": {k: v.describe() for k, v in self.nuisances().items()},
-        } | ({} if self.sd is None else {"sd": digest(self.sd)})
+            **({} if self.sd is None else {"sd": digest(self.sd)}),
+            **({"clock": self.clock} if self.clock else {}),
+        }
 
 
 def _on_the_clock_of(record: Excitation, start: float, dt: float, values: np.ndarray, where: str) -> np.ndarray:

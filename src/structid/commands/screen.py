@@ -94,22 +94,22 @@ def _bar(name: str, passing: bool) -> Iterator[Callable[..., None]]:
 def _lines(name: str, silent: bool) -> Iterator[Callable[..., None]]:
     """A line at the end, and one every half minute: for a file, or the output of a batch queue."""
     began = said = time.monotonic()
-    what = ""
+    of, lost = "", ""
 
-    def say(end: str = "") -> None:
+    def say(done: str, end: str = "") -> None:
         if not silent:
             after = f"{time.monotonic() - began:.0f} s{end}"
-            screen.print(f"{name:<30} {what:>13}  {after}", markup=False, soft_wrap=True)
+            screen.print(f"{name:<30} {done + of + lost:>13}  {after}", markup=False, soft_wrap=True)
 
     def told(done: int, total: int, failed: int = 0) -> None:
-        nonlocal said, what
-        what = f"{done:,}/{total:,}" + (f", {failed} failed" if failed else "")
+        nonlocal said, of, lost
+        of, lost = f"/{total:,}", f", {failed} failed" if failed else ""
         if time.monotonic() > said + SILENCE:
             said = time.monotonic()
-            say(", going on")
+            say(f"{done:,}", ", going on")
 
     yield told
-    say()
+    say(of[1:])  # what ends before its last step has found what it was after
 
 
 @contextmanager

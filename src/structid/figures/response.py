@@ -221,7 +221,7 @@ def bands(
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper center", ncol=4)
     axes[1, 0].set_title("around the peak", loc="left")
-    axes[2, 0].set_title("less the prediction at the MAP estimate", loc="left")
+    axes[2, 0].set_title("residual: less the prediction at the MAP estimate", loc="left")
     return finish(figure, title, save)
 
 

@@ -231,8 +231,9 @@ def _unsaid(material: PosteriorMaterial, parameters: list[LearntParameter]) -> l
     if tied:
         pairs = [f"{pretty(parameters[i].name)} and {pretty(parameters[j].name)}" for i, j in tied]
         sizes = ", ".join(f"{correlation[i, j]:.2f}" for i, j in tied)
+        which = "this pair is" if len(tied) == 1 else "these pairs are"
         said.append(
-            f"{'; '.join(pairs)}: these pairs are known together better than each parameter by itself (correlation {sizes})."
+            f"{'; '.join(pairs)}: {which} known together better than each parameter by itself (correlation {sizes})."
         )
     return said or ["Every parameter is known better than before, each by itself."]
 
@@ -247,7 +248,9 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
         enough = calibration.enough_to_go_on
         return [f"Allow more runs of the model: true_runs = {enough} or more, and run it again with --resume."]
     # A prior that the data contradict comes before everything else that may be wrong.
-    said = [f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors]
+    said = [
+        f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors if warned.cure
+    ]
     if verdict.wrong_model:
         said.append(
             "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "

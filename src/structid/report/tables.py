@@ -12,6 +12,9 @@ from structid.figures.style import pretty_unit
 from structid.report.section import Rows
 from structid.units import factor
 
+NOTHING = 1e-3
+"""Part of its uncertainty below which a number is zero."""
+
 
 def number(value: float, error: float | None = None) -> str:
     """A number with two digits of its uncertainty, or four significant digits.
@@ -33,6 +36,8 @@ def number(value: float, error: float | None = None) -> str:
     if error is None or not np.isfinite(error) or error <= 0:
         return f"{value:.4g}"
     digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 12))
+    if abs(value) < error * NOTHING:
+        return "0"
     magnitude = max(abs(value), error)
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
 

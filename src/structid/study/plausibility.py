@@ -33,6 +33,9 @@ OPPOSITE = -0.6
 ALIKE, UNLIKE = 0.7, 0.5
 """Correlation after a shift in time above which it is likely to be real, if without it there is less than this share of it."""
 
+PRIOR_DRAWS = 1024
+"""Draws of the priors that say what follows from them."""
+
 
 @dataclass(frozen=True)
 class Plausibility:
@@ -103,7 +106,7 @@ def plausibility(study: BuiltStudy) -> Plausibility:
         return Plausibility((), ())
     space = study.space
     medians = Design(space.from_uniform(np.full((1, space.dimension), 0.5)), space)
-    said: list[str] = []
+    said: list[str] = _of_the_priors(study)
     unstable = unstable_in_words(unstable_share(space, study.model))
     questions = [unstable] if unstable else []
     compared: list[tuple[_Pair, ...]] = []
@@ -196,8 +199,20 @@ class _Pair:
         return [
             f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
             f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
-            f"'time_shift' says what it shows then: {seconds:+.3g} s more than now, or a prior about that."
+            f"'time_shift' says what it shows then: {abs(seconds):.3g} s {'more' if seconds > 0 else 'less'} than now, or a prior "
+            "about that."
         ]
+
+
+def _of_the_priors(study: BuiltStudy) -> list[str]:
+    """What the priors say of what follows from the parameters, such as a yield displacement."""
+    draws = study.model.parameters(study.space.sample(PRIOR_DRAWS, 0, "sobol"))
+    said = []
+    for name, (values, unit) in study.model.derived_quantities(draws).items():
+        low, middle, high = np.quantile(values, (0.05, 0.5, 0.95), method="inverted_cdf") / factor(unit)
+        upper = f"{low:.3g} to {high:.3g} {unit}" if np.isfinite(high) else f"above {low:.3g} {unit}"
+        said.append(f"By the priors the {name} is {upper} with 90 % probability, its median {middle:.3g} {unit}.")
+    return said
 
 
 def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float, float]:

@@ -172,6 +172,23 @@ def test_a_logger_that_began_before_the_record_between_two_samples(tmp_path):
     np.testing.assert_allclose(found.values[:, 0], expected, atol=1e-6)
 
 
+def test_a_clock_that_is_known_roughly_has_a_prior(tmp_path):
+    """The history is moved by the prior's median; what is left over is inferred, on the file's own clock."""
+    expected = written(tmp_path / "a.txt", start=5.0)
+    found = si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1, time_shift=si.Normal(5.0, 0.05))
+    np.testing.assert_allclose(found.values[:, 0], expected, atol=1e-8)
+    assert found.clock == 5.0 and found.describe()["clock"] == 5.0
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, alpha=0.05, beta=60.0, gamma_ratio=0.5, free=("stiffness",))
+    posterior = si.Posterior(si.ParameterSpace(stiffness=si.Uniform(6e6, 8e6)), model, found, si.IID(1.0))
+    at_home, late = posterior.predict(np.array([[7e6, 5.0], [7e6, 5.0 + 2.0 * RECORD.dt]]))[:, :, 0]
+    plain = model.simulate(np.array([[7e6]]), RECORD).channel("velocity")[0]
+    np.testing.assert_allclose(at_home, plain, atol=1e-13)
+    np.testing.assert_allclose(late[2:], plain[:-2], atol=1e-13)
+    written(tmp_path / "b.txt", start=0.0, more=0)
+    together = si.Observation.read(RECORD, tmp_path / "b.txt", "m/s", column=1, time_shift=si.Normal(0.0, 0.05))
+    assert together.clock == 0.0 and "clock" not in together.describe()
+
+
 def test_a_logger_that_began_too_late_is_refused(tmp_path):
     written(tmp_path / "a.txt", start=0.5)
     with pytest.raises(InputError, match=r"covers the record.*sign"):

@@ -26,7 +26,7 @@ class PriorWarning(NamedTuple):
     said : str
         Where they do.
     cure : str
-        What to do about it, as a sentence.
+        What to do about it, as a sentence; empty where it may be well.
     """
 
     said: str
@@ -68,7 +68,8 @@ def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[Prio
                     "the data show nothing of it, or would go below zero" if at_zero else "the data would go further"
                 )
                 said = f"the posterior of {name} sits on the {side} bound of its prior: {further}"
-                found.append(PriorWarning(said, "Widen the prior if the structure may be beyond it, and run again."))
+                cure = "" if at_zero else "Widen the prior if the structure may be beyond it, and run again."
+                found.append(PriorWarning(said, cure))
         p = float(marginal.cdf(np.median(draws)))
         if min(p, 1.0 - p) < TAIL_PROBABILITY and not on_bound and not name.startswith("sigma2"):
             said = f"the posterior of {name} lies in the far tail of its prior (at probability {p:.1g}): prior and data disagree"

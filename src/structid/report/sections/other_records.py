@@ -8,16 +8,29 @@ from structid.figures.style import pretty_unit
 from structid.report.material import PosteriorMaterial
 from structid.report.predicted_records import PredictedRecord, predicted_records
 from structid.report.section import Drawing, Picture, Section, Table
-from structid.units import label
+from structid.units import STANDARD_GRAVITY, label
 
 
 def _tables(material: PosteriorMaterial) -> list[Table]:
     rows = [
-        [other.name, label(peak.channel, pretty_unit(peak.unit)), *peak.cells]
+        [
+            other.name,
+            f"{other.record.pga / STANDARD_GRAVITY:.3g}",
+            label(peak.channel, pretty_unit(peak.unit)),
+            *peak.cells,
+        ]
         for other in predicted_records(material)
         for peak in other.peaks()
     ]
-    heads = ["record", "largest", "5 %", "median", "95 %", *([] if material.truths[0] is None else ["truth"])]
+    heads = [
+        "record",
+        "PGA [g]",
+        "largest",
+        "5 %",
+        "median",
+        "95 %",
+        *([] if material.truths[0] is None else ["truth"]),
+    ]
     return [Table("Peak response", (heads, rows))] if rows else []
 
 
@@ -31,12 +44,11 @@ def _words(material: PosteriorMaterial) -> list[str]:
     draws = predicted_records(material)[0].band.draws
     if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
         return words
-    ratios = [f"{ratio:.2f} for the {name}" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
+    ratios = [f"{ratio:.2f} ({name})" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
     return [
         *words,
-        "The measured peak, over the one that is predicted of the measured record in the same way, is "
-        f"{', '.join(ratios)}. One record does not tell whether other peaks are off by as much. The bands of the peaks allow "
-        "for none of it and for all of it.",
+        f"On the measured record, the measured peak is {', '.join(ratios)} times the predicted one. One record does not tell if "
+        "other peaks are off by as much. The bands of the peaks allow for none of it and for all of it.",
     ]
 
 
