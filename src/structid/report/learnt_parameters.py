@@ -123,10 +123,11 @@ class LearntParameter:
 
     @property
     def told(self) -> str:
-        """How much the data say of it: how many times narrower its interval is than the prior's."""
-        if self.narrowed < LITTLE:
+        """How much the data say of it: how many times narrower the interval to be used is than the prior's."""
+        times = self._narrowed(self.honest)
+        if times < LITTLE:
             return "hardly"
-        return f"{self.narrowed:.2g} times" if self.narrowed < 10 else f"{self.narrowed:.0f} times"
+        return f"{times:.2g} times" if times < 10 else f"{times:.0f} times"
 
 
 def learnt_parameters(material: PosteriorMaterial) -> list[LearntParameter]:
