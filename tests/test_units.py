@@ -50,3 +50,17 @@ def test_a_number_that_would_be_read_as_another(text, unit, words):
 
 def test_hertz_is_not_radians():
     assert units.factor("Hz") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "cure"),
+    [
+        ("10 kN", "kg", "a weight"),
+        ("3 %", "N*s/m", "damping_ratio"),
+        ("130 1/m", "1/m^2", "the numbers change too"),
+        ("10 s", "kg", "Correct the unit"),
+    ],
+)
+def test_units_that_are_easily_mixed_up_have_their_own_cure(value, unit, cure):
+    with pytest.raises(InputError, match=cure):
+        units.to_si(value, unit)

@@ -143,6 +143,9 @@ def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) ->
     """
     names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
     for name in names:
+        if name not in known and f"absolute_{name}" in known:
+            cure = f"A sensor on the structure measures 'absolute_{name}'; 'relative_{name}' is that against its base."
+            raise InputError(where, f"'{name}'", ", ".join(known), cure)
         check_choice(where, name, known)
     if not names or len(set(names)) < len(names):
         raise InputError(where, f"{list(names)}", f"one or more of {', '.join(known)}, each once")

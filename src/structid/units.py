@@ -11,6 +11,17 @@ from structid.errors import InputError
 STANDARD_GRAVITY = 9.80665
 """One g [m/s²], as defined by PEER and ISO 80000-3."""
 
+MIXED_UP = (
+    ("N", "kg", "This is a weight: divide it by g = 9.81 m/s², 10 kN are 1.02 t."),
+    ("", "N*s/m", "A share of the critical damping is a damping_ratio."),
+    (
+        "1/m",
+        "1/m^2",
+        "With the unit the numbers change too: what yields at 5 mm has 130 1/m, or 26000 1/m^2 with an exponent of 2.",
+    ),
+)
+"""Units that are easily mixed up: the one that came, the one that is wanted, and what to do."""
+
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -195,9 +206,17 @@ def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
     if not same_dimension(unit, like):
         said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
         raise InputError(
-            where, said, f"a unit that measures the same as '{like or 'a pure number'}'", "Correct the unit."
+            where, said, f"a unit that measures the same as '{like or 'a pure number'}'", _mixed_up(unit, like)
         )
     return factor(unit)
+
+
+def _mixed_up(unit: str, like: str) -> str:
+    """What to do about a unit of another dimension."""
+    for given, wanted, cure in MIXED_UP:
+        if same_dimension(unit, given) and same_dimension(like, wanted):
+            return cure
+    return "Correct the unit."
 
 
 def check_power_of_length(unit: str, where: str) -> None:

@@ -106,3 +106,16 @@ def test_where_gamma_exceeds_beta_the_response_need_not_stay_bounded():
     assert unstable_share(betas, si.BoucWen(**gamma, free=("beta",))) == pytest.approx(0.5, abs=0.01)
     with pytest.warns(si.StructidWarning, match="50% of the prior .gamma. exceeds beta"):
         posterior(gamma_ratio=si.Uniform(-1.0, 3.0))
+
+
+def test_an_acceleration_is_that_of_a_sensor():
+    with pytest.raises(InputError, match=r"'acceleration'.*A sensor on the structure measures 'absolute_acceleration'"):
+        si.BoucWen(**KNOWN, channels=("acceleration",))
+    frame = dict(KNOWN, storeys=2, channels=("acceleration_2",))
+    with pytest.raises(InputError, match="A sensor on the structure measures 'absolute_acceleration_2'"):
+        si.ShearFrame(**frame)
+
+
+def test_a_share_in_per_cent_is_told():
+    with pytest.raises(InputError, match=r"damping_ratio: 3\. Allowed: 0 to 1\. 3 % is 0\.03"):
+        si.BoucWen(**KNOWN | {"damping_ratio": 3.0})

@@ -56,7 +56,8 @@ def check_value(where: str, name: str, value: float) -> None:
     """
     low, high = PHYSICAL_RANGES.get(name, (-np.inf, np.inf))
     if not low <= value <= high:
-        raise InputError(where, f"{value:g}", _range_in_words(low, high))
+        share = f"{value:g} % is {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
+        raise InputError(where, f"{value:g}", _range_in_words(low, high), share)
 
 
 def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:

@@ -16,6 +16,10 @@ def _words(material: PosteriorMaterial) -> list[str]:
             "Independent errors are assumed. To choose a law by its evidence would take tens of thousands of runs of this solver: "
             "a surrogate makes that possible."
         )
+    else:
+        said.append(
+            f"The errors are taken to be of this law: {material.posterior.law.describe()['kind'].replace('_', ' ')}."
+        )
     told_already = choice is not None and choice.posterior.law.inside
     if drift is not None and drift.found and not told_already:
         said.append(drift.sentence(material.result.mean))
