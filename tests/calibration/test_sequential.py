@@ -64,7 +64,7 @@ def test_it_is_certified_and_equals_the_model_s_own_posterior(calibrated, refere
     assert result.certificate.true_runs == len(result.runs) == result.training_runs + PLAN.certificate
     assert result.sampling.verdict().failed_simulations == 0
     told = str(result)
-    assert "CERTIFIED" in told and "round 1: 10 training runs" in told and "stiffness" in told
+    assert "CERTIFIED" in told and "round 1: surrogate of 10 runs" in told and "stiffness" in told
 
 
 def test_the_rounds_get_better(calibrated):
