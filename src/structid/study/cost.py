@@ -97,7 +97,8 @@ class Cost:
         lines.append(f"In all about {duration(self.seconds)} on this machine{self._at_most}.")
         if self.otherwise is not None:
             lines.append(
-                f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead."
+                f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
+                'first look: kind = "iid" in [discrepancy].'
             )
         if self.plan is not None and self._each < CHEAP:
             lines.append(
