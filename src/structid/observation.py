@@ -210,11 +210,12 @@ class Observation:
         """
         others = () if sd_column is None else (sd_column,)
         start, step, values = read_columns(path, unit, dt, column, standard_unit(channel).si or None, others)
-        fits, clock = abs(start) <= 0.5 * step and len(values) == len(record), 0.0
-        if isinstance(time_shift, Marginal) and not fits:
-            clock = float(time_shift.quantile(np.array([0.5]))[0])
-        if isinstance(time_shift, (int, float)) or clock:
-            values = _on_the_clock_of(record, start - (clock or float(time_shift)), step, values, str(path))  # type: ignore[arg-type]
+        prior = time_shift if isinstance(time_shift, Marginal) else None
+        known_shift = time_shift if isinstance(time_shift, (int, float)) else None
+        if prior is not None and not (abs(start) <= 0.5 * step and len(values) == len(record)):
+            known_shift = float(prior.quantile(np.array([0.5]))[0])  # the rest is inferred
+        if known_shift is not None:
+            values = _on_the_clock_of(record, start - known_shift, step, values, str(path))
         elif abs(start) > 0.5 * step:
             raise InputError(
                 f"{path}",
@@ -225,7 +226,8 @@ class Observation:
             )
         units = {} if standard_unit(channel).si else {channel: unit}
         known = values[:, 1] if others else sd
-        nuisances |= {} if not isinstance(time_shift, Marginal) else {"time_shift": time_shift}
+        clock = 0.0 if prior is None or known_shift is None else known_shift
+        nuisances |= {} if prior is None else {"time_shift": prior}
         return cls(record, values[:, 0], (channel,), step, str(path), units=units, sd=known, clock=clock, **nuisances)
 
     def channel_unit(self, channel: str) -> ChannelUnit:

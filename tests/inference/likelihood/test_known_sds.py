@@ -187,6 +187,9 @@ def test_a_clock_that_is_known_roughly_has_a_prior(tmp_path):
     written(tmp_path / "b.txt", start=0.0, more=0)
     together = si.Observation.read(RECORD, tmp_path / "b.txt", "m/s", column=1, time_shift=si.Normal(0.0, 0.05))
     assert together.clock == 0.0 and "clock" not in together.describe()
+    written(tmp_path / "b.txt", start=0.0, more=50)  # what is left over at the end is cut
+    longer = si.Observation.read(RECORD, tmp_path / "b.txt", "m/s", column=1, time_shift=si.Normal(0.0, 0.05))
+    np.testing.assert_array_equal(longer.values, together.values)
 
 
 def test_a_logger_that_began_too_late_is_refused(tmp_path):
