@@ -52,6 +52,13 @@ def test_hertz_is_not_radians():
     assert units.factor("Hz") == 1.0
 
 
+def test_a_kilonewton_is_no_knot():
+    for text in ("50 kn", "7.6 kn/mm"):
+        with pytest.raises(InputError, match="kN"):
+            units.to_si(text, "N")
+    assert units.factor("knot") == pytest.approx(0.514444, rel=1e-5) and units.factor("kN") == 1000.0
+
+
 @pytest.mark.parametrize(
     ("value", "unit", "cure"),
     [

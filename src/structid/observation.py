@@ -12,7 +12,7 @@ import scipy
 
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.device import jnp
-from structid.errors import InputError, check_choice, names_checked
+from structid.errors import InputError, check_choice, names_checked, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
 from structid.hashing import digest
@@ -208,6 +208,12 @@ class Observation:
         Observation
             The measurement.
         """
+        if unknown := set(nuisances) - {"gain", "offset"}:
+            name = min(unknown)
+            arguments = ("channel", "column", "dt", "time_shift", "sd", "sd_column", "gain", "offset")
+            raise InputError(
+                "Observation.read", f"the argument '{name}'", ", ".join(arguments), suggestion(name, arguments)
+            )
         others = () if sd_column is None else (sd_column,)
         start, step, values = read_columns(path, unit, dt, column, standard_unit(channel).si or None, others)
         prior = time_shift if isinstance(time_shift, Marginal) else None

@@ -53,6 +53,8 @@ def _si_quantity(unit: str) -> Any:
     text = _clean(unit)
     if text in ("", "-", "1"):
         return registry.Quantity(1.0)
+    if re.search(r"(?<![A-Za-z])kn(?![A-Za-z])", text):
+        raise InputError(f"unit '{unit}'", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'")
     try:
         return _parsed(text).to_base_units()
     except Exception as cause:

@@ -41,6 +41,7 @@ def material(
         summary=SimpleNamespace(names=SPACE.names, units=tuple(SPACE.units.values()), columns=columns),
         true_values={} if truth is None else dict(zip(SPACE.names, np.array(truth) * SPACE.factors, strict=True)),
         weighted_draws=(draws * SPACE.factors, None),
+        other_records=(),
     )
 
 

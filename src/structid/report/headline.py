@@ -267,9 +267,11 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
             "from tests."
         )
     if not said:
+        with_it = "[[prediction.records]] in a study or predict(record) in Python"
         said.append(
-            "Use it: predict what other records do to the structure, with [[prediction.records]] in a study or predict(record) in "
-            "Python."
+            f"Use it: what other records do to the structure is below; further ones come with {with_it}."
+            if material.other_records
+            else f"Use it: predict what other records do to the structure, with {with_it}."
         )
         said.append("If there is another measurement, add it as a further observation, or see whether it is predicted.")
     return said

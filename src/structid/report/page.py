@@ -71,6 +71,8 @@ def write_posterior_report(
         percent=percent,
         main=posterior_table(material),
         derived=derived_table(material),
+        runs=material.runs,
+        failed_runs=0 if material.runs is None else sum(n for of, n in material.runs.counts.items() if of.run_failed),
         sections=_shown(drawn, material, material.result.verdict().converged),
         settings=material.settings,
         run=run_table(material, timings),

@@ -197,6 +197,7 @@ def estimate(study: BuiltStudy) -> Cost:
             of_each = asked.training + asked.checks if asked.surrogate else asked.draws
             again = of_each * len(asked.records) * len(asked.levels)
             parts.append(Part("Records of rising strength", again * each, again))
+        parts += _other_records(study, each)
         parts.append(Part("Predictions, figures and page", PAGE))
     return Cost(tuple(parts), batch, study.plan, otherwise, _sum(parts) + more if more else None)
 
@@ -232,6 +233,14 @@ def _through_a_surrogate(study: BuiltStudy, rounds: int) -> list[Part]:
         what = "choosing the law of the errors"
         parts.append(Part(what.capitalize(), SURROGATE[what] * longer * harder))
     return [*parts, Part("Sampling it", SURROGATE["sampling"] * longer * harder)]
+
+
+def _other_records(study: BuiltStudy, each: float) -> list[Part]:
+    """Runs of somebody's solver for records that no surrogate but a NARX knows."""
+    if study.model.batched or not study.other_records or (study.has_surrogate and "narx" in study.file.surrogate.kind):
+        return []
+    runs = (study.file.prediction.draws + 1) * len(study.other_records)
+    return [Part("Predicting other records (prediction.draws)", runs * each, runs)]
 
 
 def _sum(parts: list[Part]) -> float:

@@ -192,6 +192,12 @@ def test_a_clock_that_is_known_roughly_has_a_prior(tmp_path):
     np.testing.assert_array_equal(longer.values, together.values)
 
 
+def test_an_argument_that_is_none_of_a_file(tmp_path):
+    written(tmp_path / "a.txt", start=0.0, more=0)
+    with pytest.raises(InputError, match=r"'channels'.*Did you mean 'channel'"):
+        si.Observation.read(RECORD, tmp_path / "a.txt", "m/s", column=1, channels=("velocity",))
+
+
 def test_a_logger_that_began_too_late_is_refused(tmp_path):
     written(tmp_path / "a.txt", start=0.5)
     with pytest.raises(InputError, match=r"covers the record.*sign"):

@@ -83,6 +83,11 @@ class Verdict(ShownAsText):
         lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
         if not self.converged:
             lines.append("  Priors, model and law of the errors are judged once the run has converged.")
+        if self.converged and not self.doubt and np.isfinite(self.unexplained):
+            lines.append(
+                "  Nothing speaks against the model; its best prediction leaves "
+                f"{100.0 * self.unexplained:.2g} % of the measured variance unexplained."
+            )
         if self.doubt:
             lines += [self.doubt.upper(), *(f"  - {said}" for said in (*self.wrong_model, *self.wrong_law))]
         return "\n".join(lines)
