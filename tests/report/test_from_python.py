@@ -25,7 +25,7 @@ def test_draws_of_the_model_have_a_page(tmp_path):
     drawn = []
     page = si.write_report(
         result, tmp_path / "new" / "out", title="Mine", other_records=[RECORD.scale(1.5)], true_values=TRUTH,
-        progress=lambda done, total: drawn.append(done / total),
+        channels=("displacement", "velocity"), progress=lambda done, total: drawn.append(done / total),
     )  # fmt: skip
     text = page.read_text()
     assert page == tmp_path / "new" / "out" / "report.html" and drawn[-1] == 1.0
@@ -38,6 +38,10 @@ def test_draws_of_the_model_have_a_page(tmp_path):
         "truth",
     ):
         assert said in text, said
+    assert {p.stem for p in (page.parent / "figures").glob("other_1_*.svg")} == {
+        "other_1_displacement",
+        "other_1_velocity",
+    }
     assert "Surrogate" not in text and len(list((page.parent / "figures").glob("*.svg"))) > 5
 
 

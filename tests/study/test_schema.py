@@ -106,6 +106,11 @@ CHANGES = {
         '[observation.time_shift]\ndistribution = "normal"\nunit = "kg"\nmean = 0\nsd = 1\n[observation.virtual]',
         ["observation.time_shift", "kg"],
     ),
+    "a prediction of nothing": (
+        "starts = 2",
+        'starts = 2\n[prediction]\nchannels = ["acceleration"]',
+        ["prediction.channels", "absolute_acceleration"],
+    ),
     "too few walkers": ("walkers = 12", "walkers = 8", ["sampler.walkers", "10 or more"]),
     "a constraint with a typo": ("starts = 2", 'starts = 2\nconstraints = ["gama_ratio <= beta"]', ["gama_ratio"]),
     "bounds of nothing": (

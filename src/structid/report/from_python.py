@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -31,6 +32,7 @@ def write_report(
     *,
     title: str = "Calibration",
     other_records: Sequence[GroundMotion] = (),
+    channels: Sequence[str] = (),
     true_values: dict[str, float] | None = None,
     law_choice: LawChoice | None = None,
     progress: Progress | None = None,
@@ -47,6 +49,8 @@ def write_report(
         Heading of the page.
     other_records : sequence of GroundMotion
         For which the response is predicted.
+    channels : sequence of str
+        What is predicted for them; what was measured when left out.
     true_values : dict of str to float, optional
         True parameters in SI, of a virtual experiment.
     law_choice : LawChoice, optional
@@ -64,7 +68,11 @@ def write_report(
     InputError
         If the draws are of no posterior of a model.
     """
-    material = _material(result, title, tuple(other_records), true_values or {}, law_choice)
+    material = replace(
+        _material(result, title, true_values or {}, law_choice),
+        other_records=tuple(other_records),
+        predicted_channels=tuple(channels),
+    )
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     drawn = draw(section_list.OF_A_CALIBRATION, material, place / "figures", progress)
@@ -74,7 +82,6 @@ def write_report(
 def _material(
     result: CalibrationResult | SamplingResult,
     title: str,
-    other_records: tuple[GroundMotion, ...],
     true_values: dict[str, float],
     law_choice: LawChoice | None,
 ) -> PosteriorMaterial:
@@ -104,7 +111,7 @@ def _material(
         record=record,
         truths=(None,) * len(posterior.observations),
         true_values=true_values,
-        other_records=other_records,
+        other_records=(),
         prediction_draws=DRAWS,
         calibration=calibration,
         left_to_the_data=choice is not None,

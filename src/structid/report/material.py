@@ -74,6 +74,8 @@ class PosteriorMaterial(RunsMaterial):
         Records to predict for.
     prediction_draws : int
         Draws of the bands.
+    predicted_channels : tuple of str
+        What is predicted for other records; empty for what was measured.
     calibration : CalibrationResult or None
         Certificate and rounds, where the study asks for them.
     left_to_the_data : bool
@@ -97,6 +99,7 @@ class PosteriorMaterial(RunsMaterial):
     left_to_the_data: bool = False
     law_choice: LawChoice | None = None
     fragility: Fragility | None = None
+    predicted_channels: tuple[str, ...] = ()
 
     @property
     def posterior(self) -> Posterior:

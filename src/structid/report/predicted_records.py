@@ -58,17 +58,27 @@ class PredictedRecord:
         self.name, self.record, self._material = record.name, record, material
 
     @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """What is predicted: what was measured, unless the study says otherwise."""
+        return self._material.predicted_channels or self._material.observations[0].channels
+
+    @cached_property
     def _posterior(self) -> Posterior:
-        """The sampled posterior, or the model's own where the surrogate knows only its own records."""
-        return first_that_takes(self.record, self._material.posterior, self._material.true_posterior)
+        """The sampled posterior, or the model's own where the surrogate knows only its own records or other channels."""
+        sampled, true = self._material.posterior, self._material.true_posterior
+        return (
+            first_that_takes(self.record, sampled, true) if set(self.channels) <= set(sampled.model.channels) else true
+        )
 
     @cached_property
     def band(self) -> PredictedBand:
         """The response of draws, and of the MAP estimate."""
         material = self._material
         result = material.result
-        draws = predict(self._posterior, material.draws, self.record, seed=result.seed, drift=result.drift)
-        best = predict(self._posterior, material.best[None], self.record, scaled=False)
+        draws = predict(
+            self._posterior, material.draws, self.record, self.channels, seed=result.seed, drift=result.drift
+        )
+        best = predict(self._posterior, material.best[None], self.record, self.channels, scaled=False)
         return PredictedBand(draws, best.response[0])
 
     @cached_property

@@ -17,9 +17,9 @@ TRUTH = "truth of the virtual experiment"
 
 
 def _together(material: ComparisonMaterial) -> list[tuple[PredictedRecord, ...]]:
-    """Predictions of the same record by every class; those of records that all of them predict, in the first one's order."""
-    each = [{p.name: p for p in predicted_records(one.material)} for one in material.classes]
-    return [tuple(of_one[name] for of_one in each) for name in each[0] if all(name in of_one for of_one in each)]
+    """Predictions of the same record by every class; those whose record and channels all of them have, in the first one's order."""
+    each = [{(p.name, p.channels): p for p in predicted_records(one.material)} for one in material.classes]
+    return [tuple(of_one[what] for of_one in each) for what in each[0] if all(what in of_one for of_one in each)]
 
 
 def _tables(material: ComparisonMaterial) -> list[Table]:

@@ -53,7 +53,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
-    channels = material.observations[0].channels
+    channels = material.predicted_channels or material.observations[0].channels
     return [
         functools.partial(_band, other, number_of_it, column)
         for number_of_it, other in enumerate(predicted_records(material), start=1)

@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from structid.channels import standard_unit
-from structid.errors import InputError, StructidWarning
+from structid.errors import InputError, StructidWarning, within
 from structid.ground_motion.record import GroundMotion
 from structid.ground_motion.record_files import lines_of
 from structid.inference.likelihood.posterior import Posterior
@@ -143,6 +143,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
             posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
     others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
+    with within("key 'prediction.channels'"):  # refused here, and not after the sampling
+        model.recording(*(file.prediction.channels or model.channels))
     design, campaign_records = build_campaign(file, folder, space, tuple(driven_by.values()))
     sampler, plan = build_sampler(file.sampler), build_plan(file.calibration)
     if plan is not None and posterior is not None and file.surrogate.kind != "none":

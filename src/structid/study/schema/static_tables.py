@@ -154,4 +154,5 @@ class PredictionSection(Section):
     """Prediction for other records."""
 
     records: tuple[RecordSection, ...] = ()
+    channels: tuple[str, ...] = ()
     draws: int = Field(default=400, ge=2, le=LARGEST_COUNT)

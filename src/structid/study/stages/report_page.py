@@ -78,6 +78,7 @@ def posterior_material(found: Findings, result: SamplingResult, place: Workplace
         true_values=study.true_values,
         other_records=study.other_records,
         prediction_draws=study.file.prediction.draws,
+        predicted_channels=study.file.prediction.channels,
         calibration=found.calibration,
         left_to_the_data=study.law_is_open,
         law_choice=found.law_choice,
