@@ -178,11 +178,11 @@ def degrading_oscillator(**settings: Any) -> si.BoucWen:
     return si.BoucWen(**(values | settings))
 
 
-def study_space() -> si.ParameterSpace:
-    """Return the priors of the study; moments are those before truncation."""
+def study_space(exponent: float = 1.0) -> si.ParameterSpace:
+    """Return the priors of the study; moments are those before truncation, β in m⁻ⁿ."""
     return si.ParameterSpace(
         stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
-        beta=si.Uniform(55.0, 65.0, unit="1/m"),
+        beta=si.Uniform(55.0, 65.0, unit=f"1/m^{exponent:g}"),
         gamma_ratio=si.Uniform(-1.0, 1.0),
         alpha=si.LogNormal(0.063, 0.01, high=1.0),
     )

@@ -147,6 +147,7 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
         traced, jax_alone = model.traced(record), over_runs(model.response, (2, 0))
         in_lanes, expected = model.simulate(theta, record).values, jax_alone(theta, traced)[0]
         difference = np.abs(np.moveaxis(expected, 2, 0) - in_lanes).max() / np.abs(in_lanes).max()
+        space = common.study_space(model.exponent)
         misfit = si.Posterior(space, model, si.Observation(record, in_lanes[0], model.channels), si.IID()).misfit
         misfit(theta)
         calls = {

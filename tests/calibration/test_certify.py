@@ -356,3 +356,11 @@ def test_what_bad_input_gets(given, density, words):
 def test_too_few_true_runs():
     with pytest.raises(InputError, match="15 or more, best 30"):
         si.certify(posterior(), draws(), normal(), true_runs=5)
+
+
+def test_steps_before_walkers_are_refused():
+    """As emcee keeps them: slopes would take the walkers' order for that of time."""
+    chain = draws().reshape(40, 100, 3)
+    assert si.certify(posterior(), chain, normal()(chain.reshape(-1, 3)).reshape(40, 100)).certified
+    with pytest.raises(InputError, match=r"100 chains of 40 draws.*swapaxes\(0, 1\)"):
+        si.certify(posterior(), chain.swapaxes(0, 1), normal())

@@ -101,3 +101,9 @@ def test_bounds_out_of_order_have_their_cure(low, high, cure):
     for prior in (lambda: si.Uniform(low, high), lambda: si.Normal(1.5, 1.0, low=low, high=high)):
         with pytest.raises(InputError, match=cure):
             prior()
+
+
+@pytest.mark.parametrize("priors", [{"a": si.Normal(0.0, 1.0)}, [si.Normal(0.0, 1.0)]])
+def test_priors_in_a_dictionary_are_no_empty_space(priors):
+    with pytest.raises(InputError, match=r"priors by name.*ParameterSpace\(\*\*priors\)"):
+        si.ParameterSpace(priors)

@@ -139,7 +139,16 @@ def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
             f"an array of shape {array.shape}",
             f"(draw, {len(names)}) or (chain, draw, {len(names)}): a column in SI for each of {', '.join(names)}",
         )
-    return array if array.ndim == 3 else array[None]
+    if array.ndim == 2:
+        return array[None]
+    if array.shape[0] > array.shape[1] > 1:
+        raise InputError(
+            "certify(draws)",
+            f"{array.shape[0]} chains of {array.shape[1]} draws",
+            "(chain, draw, parameter), with more draws than chains; independent draws are one array (draw, parameter)",
+            "emcee's get_chain() is (step, walker, parameter): give chain.swapaxes(0, 1), and its log densities transposed.",
+        )
+    return array
 
 
 def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:

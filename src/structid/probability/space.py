@@ -51,6 +51,11 @@ class ParameterSpace(ShownAsText):
         coordinates: Mapping[str, Derivation | str] | None = None,
         **marginals: Marginal,
     ) -> None:
+        if any(isinstance(of, Marginal) for of in _held_by(correlation)):
+            raise InputError(
+                "ParameterSpace", "priors in a dictionary or a list", "priors by name: ParameterSpace(stiffness=Normal(…), …)",
+                "A dictionary of them is unpacked: ParameterSpace(**priors).",
+            )  # fmt: skip
         for name, marginal in marginals.items():
             if not isinstance(marginal, Marginal):
                 raise InputError(
@@ -407,3 +412,10 @@ class ParameterSpace(ShownAsText):
         texts = {n: s if isinstance(s, str) else "function" for n, s in self._derived_source.items()}
         rows += [f"  {name} = {text}" for name, text in texts.items()]
         return "ParameterSpace(\n" + "\n".join(rows) + "\n)"
+
+
+def _held_by(correlation: object) -> tuple[object, ...]:
+    """Values of a mapping or a sequence."""
+    if isinstance(correlation, Mapping):
+        return tuple(correlation.values())
+    return tuple(correlation) if isinstance(correlation, (list, tuple)) else ()

@@ -87,7 +87,7 @@ def _material(
 ) -> PosteriorMaterial:
     calibration = result if isinstance(result, CalibrationResult) else None
     sampling: SamplingResult = result if calibration is None else calibration.sampling  # type: ignore[assignment]
-    sampled = sampling.target
+    sampled = getattr(sampling, "target", result)
     if not isinstance(sampled, Posterior):
         raise InputError(
             "write_report(result)",
