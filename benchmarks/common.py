@@ -23,6 +23,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 import structid as si  # noqa: E402
+from structid.models.hysteretic_parameters import parameter_unit  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -182,7 +183,7 @@ def study_space(exponent: float = 1.0) -> si.ParameterSpace:
     """Return the priors of the study; moments are those before truncation, β in m⁻ⁿ."""
     return si.ParameterSpace(
         stiffness=si.Normal(7.42, 0.742, low=4.27, high=11.85, unit="kN/mm"),
-        beta=si.Uniform(55.0, 65.0, unit=f"1/m^{exponent:g}"),
+        beta=si.Uniform(55.0, 65.0, unit=parameter_unit("beta", {"exponent": exponent}, ()) or ""),
         gamma_ratio=si.Uniform(-1.0, 1.0),
         alpha=si.LogNormal(0.063, 0.01, high=1.0),
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -68,11 +67,7 @@ def write_report(
     InputError
         If the draws are of no posterior of a model.
     """
-    material = replace(
-        _material(result, title, true_values or {}, law_choice),
-        other_records=tuple(other_records),
-        predicted_channels=tuple(channels),
-    )
+    material = _material(result, title, tuple(other_records), tuple(channels), true_values or {}, law_choice)
     place = Path(folder)
     place.mkdir(parents=True, exist_ok=True)
     drawn = draw(section_list.OF_A_CALIBRATION, material, place / "figures", progress)
@@ -82,6 +77,8 @@ def write_report(
 def _material(
     result: CalibrationResult | SamplingResult,
     title: str,
+    other_records: tuple[GroundMotion, ...],
+    channels: tuple[str, ...],
     true_values: dict[str, float],
     law_choice: LawChoice | None,
 ) -> PosteriorMaterial:
@@ -111,7 +108,8 @@ def _material(
         record=record,
         truths=(None,) * len(posterior.observations),
         true_values=true_values,
-        other_records=(),
+        other_records=other_records,
+        predicted_channels=channels,
         prediction_draws=DRAWS,
         calibration=calibration,
         left_to_the_data=choice is not None,

@@ -7,7 +7,7 @@ import numpy as np
 from structid.figures.style import pretty, pretty_unit
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Rows
-from structid.report.tables import number, versions_table
+from structid.report.tables import moments, number, versions_table
 from structid.units import factor, label
 
 
@@ -73,23 +73,13 @@ def derived_table(material: PosteriorMaterial) -> Rows | None:
     for name, (values, unit) in found.items():
         if not np.isfinite(values).all():
             continue
-        shown = values / factor(unit)
-        mean = float(np.average(shown, weights=weights))
-        sd = float(np.sqrt(np.average((shown - mean) ** 2, weights=weights)))
-        low, high = _ends(shown, weights)
+        mean, sd, low, high = map(float, moments(values / factor(unit), weights))
         row = [label(name, unit), number(mean, sd), f"{sd:.2g}", number(low, sd), number(high, sd)]
         if true:
             row.append(number(float(true[name].values[0]) / factor(unit)) if name in true else "–")
         rows.append(row)
     heads = ["what follows from them", "mean", "sd", "5 %", "95 %", *(["truth"] if true else [])]
     return (heads, rows) if rows else None
-
-
-def _ends(values: np.ndarray, weights: np.ndarray | None) -> np.ndarray:
-    """The 5 and 95 % quantiles."""
-    if weights is None:
-        return np.asarray(np.quantile(values, (0.05, 0.95)))
-    return np.asarray(np.quantile(values, (0.05, 0.95), weights=weights, method="inverted_cdf"))
 
 
 def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:

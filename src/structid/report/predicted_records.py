@@ -57,7 +57,7 @@ class PredictedRecord:
     def __init__(self, material: PosteriorMaterial, record: GroundMotion) -> None:
         self.name, self.record, self._material = record.name, record, material
 
-    @cached_property
+    @property
     def channels(self) -> tuple[str, ...]:
         """What is predicted: what was measured, unless the study says otherwise."""
         return self._material.predicted_channels or self._material.observations[0].channels

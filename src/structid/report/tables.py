@@ -42,6 +42,27 @@ def number(value: float, error: float | None = None) -> str:
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
 
 
+def moments(values: np.ndarray, weights: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Mean, standard deviation, 5 and 95 % quantiles of draws.
+
+    Parameters
+    ----------
+    values : ndarray, shape (draw, ...)
+        The draws.
+    weights : ndarray, shape (draw,), or None
+        How much each counts, where they do not count alike.
+
+    Returns
+    -------
+    tuple of ndarray
+        Each of shape (...).
+    """
+    mean = np.average(values, axis=0, weights=weights)
+    sd = np.sqrt(np.average((values - mean) ** 2, axis=0, weights=weights))
+    low, high = np.quantile(values, [0.05, 0.95], axis=0, weights=weights, method="inverted_cdf")
+    return mean, sd, low, high
+
+
 def percent(share: float) -> str:
     """A share in per cent, with two digits.
 

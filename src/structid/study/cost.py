@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,7 +81,7 @@ class Cost:
     @property
     def seconds(self) -> float:
         """In all [s]."""
-        return sum(part.seconds for part in self.parts)
+        return _sum(self.parts)
 
     @property
     def _each(self) -> float:
@@ -171,7 +171,7 @@ def estimate(study: BuiltStudy) -> Cost:
         Part by part.
     """
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
-    more = 0.0
+    more = 0.0  # that a calibration takes where it uses its whole budget [s]
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
     runs = _true_runs(study)
@@ -182,9 +182,9 @@ def estimate(study: BuiltStudy) -> Cost:
     otherwise = None
     if study.posterior is not None:
         if study.has_surrogate:
-            usual, every = _rounds_of(study)
-            parts += _through_a_surrogate(study, usual)
-            more = _sum(_through_a_surrogate(study, every)) - _sum(_through_a_surrogate(study, usual))
+            usual, longest = (_through_a_surrogate(study, rounds) for rounds in _rounds_of(study))
+            parts += usual
+            more = _sum(longest) - _sum(usual)
         elif study.posterior.costs_runs:
             evaluations = study.sampler.evaluations(study.posterior.dimension)
             parts.append(Part("Sampling", evaluations * each, evaluations))
@@ -243,7 +243,7 @@ def _other_records(study: BuiltStudy, each: float) -> list[Part]:
     return [Part("Predicting other records (prediction.draws)", runs * each, runs)]
 
 
-def _sum(parts: list[Part]) -> float:
+def _sum(parts: Iterable[Part]) -> float:
     return sum(part.seconds for part in parts)
 
 

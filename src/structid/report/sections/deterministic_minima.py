@@ -41,16 +41,21 @@ def _minima(material: PosteriorMaterial) -> Rows:
                 ]
             )
     size = len(names)
-    for kind, theta in (("posterior MAP", material.result.map_estimate), ("posterior mean", material.result.mean)):
-        share = _unexplained(material, theta)
+    estimates = {"posterior MAP": material.result.map_estimate, "posterior mean": material.result.mean}
+    for (kind, theta), share in zip(estimates.items(), _unexplained(material), strict=True):
         rows.append([kind, *(f"{v:.5g}" for v in theta[:size] / factors), f"{share:.3%}", "–", "–"])
     return heads, rows
 
 
-def _unexplained(material: PosteriorMaterial, theta: np.ndarray) -> float:
-    """Share of the measurement's variance that a prediction leaves, in the sense of least squares."""
-    misfit = material.posterior.misfit
-    return float(misfit(theta[None, : material.posterior.model_space.dimension])[0] / misfit.scale)
+def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
+    """Share of the measurement's variance that MAP and mean leave, in the sense of least squares; each is simulated once a page."""
+    key = "what MAP and mean leave"
+    if key not in material.shared:
+        misfit, size = material.posterior.misfit, material.posterior.model_space.dimension
+        both = (material.result.map_estimate, material.result.mean)
+        material.shared[key] = tuple(float(misfit(theta[None, :size])[0] / misfit.scale) for theta in both)
+    found: tuple[float, float] = material.shared[key]
+    return found
 
 
 def _words(material: PosteriorMaterial) -> list[str]:
@@ -58,7 +63,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
     if not material.searches:
         return []
     least = min(search.best.value / search.scale for search in material.searches.values())
-    of_map = _unexplained(material, material.result.map_estimate)
+    of_map, _ = _unexplained(material)
     if of_map < max(FURTHER * least, NOTICED):
         return []
     return [

@@ -11,7 +11,7 @@ from structid.figures.style import pretty
 from structid.inference.assessment.identifiability import Identifiability
 from structid.report.material import PosteriorMaterial
 from structid.report.section import NEAREST, Drawing, Picture, Section, Table
-from structid.report.tables import number
+from structid.report.tables import moments, number
 from structid.streams import Purpose, derived_seed
 
 
@@ -77,9 +77,7 @@ def _in_coordinates(material: PosteriorMaterial) -> list[Table]:
         return []
     draws, weights = material.weighted_draws
     values = np.asarray(space.in_coordinates(draws))
-    mean = np.average(values, axis=0, weights=weights)
-    sd = np.sqrt(np.average((values - mean) ** 2, axis=0, weights=weights))
-    low, high = np.quantile(values, [0.05, 0.95], axis=0, weights=weights, method="inverted_cdf")
+    mean, sd, low, high = moments(values, weights)
     known = set(material.true_values) >= set(material.posterior.model_space.names)
     truth = None
     if known:

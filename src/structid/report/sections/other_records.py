@@ -53,11 +53,10 @@ def _words(material: PosteriorMaterial) -> list[str]:
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
-    channels = material.predicted_channels or material.observations[0].channels
     return [
         functools.partial(_band, other, number_of_it, column)
         for number_of_it, other in enumerate(predicted_records(material), start=1)
-        for column in range(len(channels))
+        for column in range(len(other.channels))
     ]
 
 
