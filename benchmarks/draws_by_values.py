@@ -16,15 +16,26 @@ import scipy
 import structid as si
 from structid.calibration.fitted_to_draws import ValuesAtDraws
 from structid.calibration.stein_identity import not_its_draws
+from structid.inference.assessment.monte_carlo_error import MonteCarloError
 
 NAME = "draws_by_values"
 SEEDS = 12
 DRAWS = 8000
 WIDE = 1e3
 """Bounds of the priors, in standard deviations, of densities that fall to zero before."""
-HEADS = ["draws", "right is", "let pass", "refused: not these values", "refused: another density's", "not told", "s"]
-REFUSALS = ("a log density that is not that of the draws", "these are not draws of the given density", "cannot be told")
-"""By a density that is fitted to them, by Stein's identity, and where its errors are too large."""
+HEADS = [
+    "draws", "right is", "let pass", "refused: not these values", "refused: another density's", "refused: too few", "not told", "s",
+]  # fmt: skip
+REFUSALS = (
+    "a log density that is not that of the draws",
+    "these are not draws of the given density",
+    "there are too few draws",
+    "cannot be told",
+)
+"""By a density that is fitted to them, by Stein's identity, by their Monte Carlo error, and where the identity's own errors are too
+large. The first that is found counts."""
+TAU = 50
+"""Autocorrelation time of some chains, in steps."""
 LogDensity = Callable[[np.ndarray], np.ndarray]
 """Of points, shape (point, parameter)."""
 Sampler = Callable[[np.random.Generator], np.ndarray]
@@ -115,11 +126,23 @@ def random_walk(dimension: int, steps: int, scale: float) -> Sampler:
     return chains
 
 
+def autoregressive(dimension: int, steps: int) -> Sampler:
+    """Of the normal law itself, 32 chains with the autocorrelation time τ = (1 + ρ)/(1 − ρ)."""
+
+    def chains(rng: np.random.Generator) -> np.ndarray:
+        rho = (TAU - 1.0) / (TAU + 1.0)
+        noise = rng.standard_normal((32, steps, dimension)) * np.sqrt(1.0 - rho**2)
+        noise[:, 0] /= np.sqrt(1.0 - rho**2)  # begins in the law
+        return np.asarray(scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=1))
+
+    return chains
+
+
 def cases() -> dict[str, Drawn]:
     """All of them: good draws, then bad ones, then those of which the slope tells nothing."""
     found = {f"normal, d = {d}": Drawn(normal, of_the_normal(d), d) for d in (1, 4, 10)}
     found |= {
-        "normal, d = 4, chains of Metropolis": Drawn(normal, random_walk(4, 2000, 1.0), 4),
+        "normal, d = 4, chains of Metropolis": Drawn(normal, random_walk(4, 8000, 1.0), 4),
         "Student, five degrees of freedom, d = 4": Drawn(student, lambda rng: rng.standard_t(5, (DRAWS, 4)), 4),
         "exponential from a bound of the prior, d = 3": Drawn(exponential, of_the_exponential, 3, bound=1.0),
     }
@@ -132,11 +155,16 @@ def cases() -> dict[str, Drawn]:
         found[f"within one sd, d = {d}"] = Drawn(
             normal, kept(whole, lambda x: np.abs(x[:, 0]) < 1.0), d, right="refused"
         )
+    for times in (2, 30):
+        steps = times * TAU
+        found[f"32 chains of {times} autocorrelation times, d = 4"] = Drawn(
+            normal, autoregressive(4, steps), 4, right="refused" if times == 2 else "let pass"
+        )
     narrow, few = Drawn(ridge, of_the_ridge, 2), of_the_normal(4, 100)
     return found | {
         "bent ridge": narrow,
         "half of a bent ridge": Drawn(ridge, kept(of_the_ridge, lambda x: x[:, 0] < 1.0), 2, right="refused"),
-        "a hundred draws, normal, d = 4": Drawn(normal, few, 4),
+        "a hundred draws, normal, d = 4": Drawn(normal, few, 4, right="refused"),
     }
 
 
@@ -153,8 +181,11 @@ def said(drawn: Drawn, seed: int) -> str:
     draws = drawn.sampler(rng)
     draws = draws if draws.ndim == 3 else draws[None]
     values = drawn.log_density(draws.reshape(-1, drawn.dimension))
+    limits = si.Limits()
     try:
-        return "".join(not_its_draws(ValuesAtDraws(target, draws, values, rng), rng))
+        law = ValuesAtDraws(target, draws, values, rng)
+        by_chance = MonteCarloError.of(law.in_order(law.flat), limits.confidence)
+        return "".join([*not_its_draws(law, rng), *by_chance.too_large(limits, names)])
     except si.InputError as refused:
         return str(refused)
 
@@ -163,7 +194,8 @@ def row(case: str, drawn: Drawn, seeds: int) -> list[str]:
     began = time.perf_counter()
     sentences = [said(drawn, seed) for seed in range(seeds)]
     seconds = (time.perf_counter() - began) / seeds
-    counts = [sum(part in sentence for sentence in sentences) for part in REFUSALS]
+    first = [next((part for part in REFUSALS if part in sentence), "") for sentence in sentences]
+    counts = [first.count(part) for part in REFUSALS]
     return [case, drawn.right, f"{seeds - sum(counts)} of {seeds}", *map(str, counts), f"{seconds:.1f}"]
 
 
@@ -180,8 +212,10 @@ def main() -> None:
 `benchmarks/draws_by_values.py`. {common.machine()}.
 
 Draws of another program often come with the log density at them, and without the density as a function. What `si.certify`
-says of them before any run of the model, by Stein's identity ([theory](theory/certificate.md)). A row is {SEEDS} samples, of
-{DRAWS:,} draws before a part is taken away. "Not these values": a density that is fitted to the draws contradicts the values.
+says of them before any run of the model, by Stein's identity and by their Monte Carlo error
+([theory](theory/certificate.md)). A row is {SEEDS} samples, of {DRAWS:,} draws before a part is taken away. "Not these
+values": a density that is fitted to the draws contradicts the values.
+"Too few": the Monte Carlo error of the draws' own averages is above the limits, whatever they are draws of.
 "Not told": the identity's errors are so large that half of a law would pass, so that nothing is certified.
 
 {common.markdown_table(HEADS, found)}

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 import scipy.stats
 
 import structid as si
@@ -135,6 +136,35 @@ def test_values_that_cannot_tell():
     some = on_the_ridge(count=2000)
     found = si.certify(target, some, ridge(some))
     assert not found.certified and "cannot be told" in str(found) and found.only_the_draws
+
+
+def chains(tau, count, steps, seed):
+    """Of the normal law itself, with the autocorrelation time τ: first-order autoregressive, begun long before."""
+    rho, rng = (tau - 1.0) / (tau + 1.0), np.random.default_rng(seed)
+    noise = np.sqrt(1.0 - rho**2) * rng.standard_normal((count, steps + 20 * tau, 3))
+    return TRUTH + SDS * scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=1)[:, 20 * tau :]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("told", ["function", "values"])
+def test_chains_of_the_right_law_that_are_too_short(told, seed):
+    """Walkers of two autocorrelation times: their law is the posterior itself, and averages over them are far from its own."""
+    short, enough = (chains(50, 32, steps, seed) for steps in (100, 1600))
+    densities = [normal() if told == "function" else normal()(x.reshape(-1, 3)) for x in (short, enough)]
+    refused, found = (si.certify(posterior(), x, q, seed=seed) for x, q in zip((short, enough), densities, strict=True))
+    assert not refused.certified and refused.variation.bound < 1e-6 and "there are too few draws" in str(refused)
+    assert found.certified, str(found)
+    assert 0.02 < found.monte_carlo.mean.max() < 0.1 and f"{found.monte_carlo.size:.0f} independent" in found.statement
+    # The statement is about the draws: what it says holds of their averages, and not of their law alone.
+    assert np.all(np.abs((found.monte_carlo.mean + found.mean_bound) - found.mean_within) < 1e-12)
+    assert np.all(np.abs(enough.mean(axis=(0, 1)) - TRUTH) / SDS <= found.mean_within)
+
+
+def test_walkers_that_take_turns_are_no_independent_draws():
+    """What emcee gives with `flat=True`: step by step, every walker of the ensemble."""
+    some = chains(50, 32, 100, seed=1)
+    apart, flat = (si.certify(posterior(), x, normal()) for x in (some, some.swapaxes(0, 1).reshape(-1, 3)))
+    assert flat.monte_carlo.size == pytest.approx(apart.monte_carlo.size, rel=1e-12) and not flat.certified
 
 
 @pytest.mark.parametrize("told", ["values", "nothing"])

@@ -25,6 +25,7 @@ from structid.errors import InputError, names_checked
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.limits import Limits
+from structid.inference.assessment.monte_carlo_error import MonteCarloError
 from structid.inference.target import Target
 from structid.streams import Purpose, stream
 
@@ -58,7 +59,9 @@ def certify(
 
     The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
     draws of a wider law. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
-    `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own.
+    `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own. Averages over the
+    draws have a Monte Carlo error besides, by their number and their autocorrelation: it is in the statement, and draws that are
+    too few for the limits are refused.
 
     Parameters
     ----------
@@ -121,7 +124,8 @@ def certify(
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
     law = _law(posterior, taken, log_density, rng)
     known = _known(known, posterior.dimension)
-    doubts = law.doubts(known[0], seed)
+    by_chance = MonteCarloError.of(posterior.compared(law.in_order(law.flat)), limits.confidence)
+    doubts = (*law.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
     chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
     truth = Truth(posterior, None if store is None else Path(store), executor, progress)
     _compare_known(known, truth)
@@ -144,7 +148,7 @@ def certify(
     searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
     found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*noise, *why), rng)
-    return replace(found, subject=law.subject, searched=searching)
+    return replace(found, subject=law.subject, searched=searching, monte_carlo=by_chance)
 
 
 def _judged(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy
 
 from structid.errors import InputError
+from structid.inference.assessment.diagnostics import walkers_in_turn
 from structid.inference.assessment.fitted_density import FittedDensity
 from structid.inference.target import Target
 
@@ -137,11 +139,19 @@ class DrawnLaw(ABC):
         Returns
         -------
         ndarray, shape (chain, draw, parameter)
-            Of chains; a single one is cut into parts.
+            Of chains; a single one is cut into parts, and one of walkers that take turns into these.
         """
         chains = len(self.draws) if len(self.draws) > 1 else PARTS
+        if self._walkers > 1:
+            length = len(flat) // self._walkers
+            return flat[: self._walkers * length].reshape(length, self._walkers, -1).swapaxes(0, 1)
         length = len(flat) // chains
         return flat[: chains * length].reshape(chains, length, -1)
+
+    @cached_property
+    def _walkers(self) -> int:
+        """Of an ensemble whose draws were given step by step as one chain; 1 otherwise."""
+        return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
 
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:
@@ -263,7 +273,8 @@ def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator
             f"a log density that is not that of the draws: over them it varies by {0.5 * gap:.3g} nats about a density that was "
             f"fitted to them, which itself varies by {0.5 * spread:.3g} nats",
             "log q of the parameters in SI, of the law that the draws come from, up to a constant",
-            "A log-likelihood, or a density with respect to other coordinates, is none. If you do not know it, leave it out.",
+            "A log-likelihood, or a density with respect to other coordinates, is none; and of a chain of a few autocorrelation "
+            "times the draws do not stand for any density. If you do not know it, leave it out.",
         )
     return fitted
 

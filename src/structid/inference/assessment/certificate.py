@@ -19,6 +19,7 @@ from structid.inference.assessment.diagnostics import weighted_size
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.limits import Limits
 from structid.inference.assessment.moment_shift import correlation_bound, missing_bounds, sd_bound, shift, standardised
+from structid.inference.assessment.monte_carlo_error import MonteCarloError
 from structid.inference.assessment.weight_variation import WeightVariation, weight_variation
 from structid.notebook import ShownAsText
 
@@ -86,6 +87,9 @@ class Certificate(ShownAsText):
         True runs that searched for modes the draws have missed, and that were made to learn where the draws' law is wrong.
     missing : float
         Share of the posterior that may lie where the draws' law is zero; the bounds reckon with it.
+    monte_carlo : MonteCarloError or None
+        How far moments of the draws may be from those of their law, which the bounds above are about. Of somebody else's draws;
+        those of a calibration have their own verdict.
     """
 
     verdict: CertificateVerdict
@@ -113,6 +117,7 @@ class Certificate(ShownAsText):
     searched: int = 0
     taught: int = 0
     missing: float = 0.0
+    monte_carlo: MonteCarloError | None = None
 
     @property
     def certified(self) -> bool:
@@ -162,14 +167,41 @@ class Certificate(ShownAsText):
     @property
     def statement(self) -> str:
         """What it says of the figures, in a sentence."""
-        mean, sd = float(self.mean_bound.max()), float(self.sd_bound.max())
-        correlations = f"every correlation within {self.correlation_bound.max():.2g}, " if len(self.names) > 1 else ""
+        mean, sd = float(self.mean_within.max()), float(self.sd_within.max())
+        correlations = f"every correlation within {self.correlation_within.max():.2g}, " if len(self.names) > 1 else ""
+        event = self.of_probability(0.05) + (self.monte_carlo.of_probability(0.05) if self.monte_carlo else 0.0)
         logarithms = any(name.startswith("log ") for name in self.names)
         return (
             f"every mean is within {mean:.2g} standard deviations of the model's, every standard deviation within "
-            f"{100.0 * sd:.2g} %, {correlations}the probability of an event of 5 % within {100.0 * self.of_probability(0.05):.2g} %"
-            f"{'; of a variance of errors its logarithm is meant' if logarithms else ''}"
+            f"{100.0 * sd:.2g} %, {correlations}the probability of an event of 5 % within {100.0 * event:.2g} %"
+            f"{self._said_of_draws}{'; of a variance of errors its logarithm is meant' if logarithms else ''}"
         )
+
+    @property
+    def _said_of_draws(self) -> str:
+        chance = self.monte_carlo
+        if chance is None:
+            return ""
+        return (
+            f"; {chance.mean.max():.2g} standard deviations and {100.0 * chance.sd.max():.2g} % of this are the Monte Carlo error "
+            f"of the draws, which count as {chance.size:.0f} independent ones"
+        )
+
+    @property
+    def mean_within(self) -> np.ndarray:
+        """How far each mean of the draws may be off in standard deviations, with its Monte Carlo error, shape (parameter,)."""
+        return self.mean_bound + (0.0 if self.monte_carlo is None else self.monte_carlo.mean)
+
+    @property
+    def sd_within(self) -> np.ndarray:
+        """How far each standard deviation may be off as a share of it, shape (parameter,); likewise."""
+        chance = 0.0 if self.monte_carlo is None else self.monte_carlo.sd
+        return np.asarray((1.0 + self.sd_bound) * (1.0 + chance) - 1.0)
+
+    @property
+    def correlation_within(self) -> np.ndarray:
+        """How far each correlation may be off, shape (parameter, parameter); likewise."""
+        return self.correlation_bound + (0.0 if self.monte_carlo is None else self.monte_carlo.correlation)
 
     @property
     def unknown(self) -> str:
@@ -305,9 +337,9 @@ def judged(
         correlation_off = correction.correlation_bound(correlation_off)
         moved, error = correction.mean + correction.sd * moved, np.hypot(correction.mean_error, correction.sd * error)
     middle = fresh.middle
-    excess, within = _excess(stored, middle, limits.reach)
-    above = _above(stored, fresh.highest + middle)
-    hidden = _understated(stored, middle, limits)
+    excess, within = stored.excess(middle, limits.reach)
+    above = stored.above(fresh.highest + middle)
+    hidden = stored.understated(middle, limits)
     missing = (*doubts, *against, *_what_is_missing(above, excess, hidden, limits))
     failed = fresh.failed
     if failed:
@@ -396,29 +428,3 @@ def _number(value: float) -> str:
 
 def _percent(value: float) -> str:
     return f"{value:.0%}" if value < NOTHING else f"more than {NOTHING:.0%}"
-
-
-def _above(stored: StoredRuns, highest: float) -> float:
-    """By how much the best stored run exceeds the best draw."""
-    ran = np.isfinite(stored.log_true)
-    return float(stored.log_true[ran].max() - highest) if ran.any() else float("-inf")
-
-
-def _understated(stored: StoredRuns, middle: float, limits: Limits) -> int:
-    """Number of stored runs beyond reach that are understated by more than a share of their depth below the best."""
-    ran = np.isfinite(stored.log_true)
-    if not ran.any():
-        return 0
-    depth = stored.log_true[ran].max() - stored.log_true[ran]
-    gap = stored.log_true[ran] - stored.log_drawn[ran] - middle
-    return int(np.count_nonzero((depth > limits.reach) & (gap > np.maximum(limits.excess, limits.understated * depth))))
-
-
-def _excess(stored: StoredRuns, middle: float, reach: float) -> tuple[float, int]:
-    """Largest log ratio of the stored runs that matter, above the median of the draws, and how many matter."""
-    ran = np.isfinite(stored.log_true)
-    if not ran.any():
-        return float("-inf"), 0
-    near = ran & (stored.log_true >= stored.log_true[ran].max() - reach)
-    gap = stored.log_true[near] - stored.log_drawn[near]
-    return float(gap.max() - middle), int(near.sum())

@@ -13,6 +13,8 @@ STUCK_ACCEPTANCE = 0.2
 """A walker whose acceptance is below this fraction of the median walker's is stuck."""
 LAST_STEPS = 20
 """Smallest number of steps searched for walkers that end far below the others."""
+IN_TURN, ERRORS_OF_CHANCE = 0.1, 6.0
+"""Autocorrelation, beyond so many errors of chance, at the lag of the walkers of an ensemble. With less, τ is 1.2 at most."""
 FEWEST_MOVES = 50
 """A walker is judged by its acceptance only if the median walker has at least this many accepted moves."""
 
@@ -44,8 +46,7 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     """τ of `autocorrelation_time`, and its standard error, τ √(2 (2M + 1) / (E S)) (Madras & Sokal 1988)."""
     series = np.atleast_2d(series)
     count, steps = series.shape
-    transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
-    covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=0))[:steps]
+    covariance = _autocovariance(series)
     if np.ptp(series) == 0.0:
         return float("nan"), float("nan")
     sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
@@ -55,6 +56,36 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     seen = 1.0 + 2.0 * np.sum(1.0 - lags[1 : last + 1] / steps)
     time = float(max(sums[last] / max(1.0 - seen / (count * steps), 1.0 / steps), 1.0))
     return time, time * float(np.sqrt(2.0 * (2 * last + 1) / (count * steps)))
+
+
+def _autocovariance(series: np.ndarray) -> np.ndarray:
+    """Σ_t x(t) x(t + lag), about the mean of all series (series, step), averaged over them."""
+    steps = series.shape[1]
+    transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
+    return np.asarray(np.fft.irfft((np.abs(transform) ** 2).mean(axis=0))[:steps])
+
+
+def walkers_in_turn(draws: np.ndarray) -> int:
+    """Number of walkers whose draws follow one another in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
+
+    Neighbours are then independent, and the draws of one walker, so many further on, are not.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (draw, parameter)
+        One chain, or the draws of an ensemble step by step.
+
+    Returns
+    -------
+    int
+        1 for a chain, and for independent draws.
+    """
+    standard = (draws - draws.mean(axis=0)) / draws.std(axis=0)
+    covariance = np.mean([_autocovariance(column[None]) for column in standard.T], axis=0)
+    correlation = covariance / covariance[0]
+    seen = IN_TURN + ERRORS_OF_CHANCE / np.sqrt(draws.size)
+    apart = np.flatnonzero(correlation > seen)[1:]
+    return int(apart[0]) if apart.size and apart[0] > 1 else 1
 
 
 def weighted_size(weights: np.ndarray) -> float:

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from structid.inference.assessment.limits import Limits
+
 
 class Beside(NamedTuple):
     """How far laws that have not seen some draws are from q, to which they belong, on average over these laws.
@@ -156,3 +158,65 @@ class StoredRuns:
 
     log_true: np.ndarray = field(default_factory=lambda: np.empty(0))
     log_drawn: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def _ran(self) -> np.ndarray:
+        return np.asarray(np.isfinite(self.log_true))
+
+    def above(self, highest: float) -> float:
+        """By how much the best run exceeds the best draw.
+
+        Parameters
+        ----------
+        highest : float
+            log q of that draw, on the scale of π.
+
+        Returns
+        -------
+        float
+            In nat; −inf where no run finished.
+        """
+        return float(self.log_true[self._ran].max() - highest) if self._ran.any() else float("-inf")
+
+    def excess(self, middle: float, reach: float) -> tuple[float, int]:
+        """Largest log π/q of the runs that matter, above the median over the draws.
+
+        Parameters
+        ----------
+        middle : float
+            That median.
+        reach : float
+            Distance from the best run within which they matter [nat].
+
+        Returns
+        -------
+        tuple of float and int
+            In nat, −inf where no run finished; and how many matter.
+        """
+        if not self._ran.any():
+            return float("-inf"), 0
+        near = self._ran & (self.log_true >= self.log_true[self._ran].max() - reach)
+        gap = self.log_true[near] - self.log_drawn[near]
+        return float(gap.max() - middle), int(near.sum())
+
+    def understated(self, middle: float, limits: Limits) -> int:
+        """Count runs beyond reach that q understates by more than a share of their depth below the best.
+
+        Parameters
+        ----------
+        middle : float
+            Median of log π/q over the draws.
+        limits : Limits
+            Of the certificate.
+
+        Returns
+        -------
+        int
+            Where they are, q may hide a mode.
+        """
+        if not self._ran.any():
+            return 0
+        depth = self.log_true[self._ran].max() - self.log_true[self._ran]
+        gap = self.log_true[self._ran] - self.log_drawn[self._ran] - middle
+        far = depth > limits.reach
+        return int(np.count_nonzero(far & (gap > np.maximum(limits.excess, limits.understated * depth))))

@@ -62,10 +62,12 @@ def what_was_bounded(certificate: Certificate) -> Table:
     Table
         A row for each parameter.
     """
+    by_chance = [] if certificate.monte_carlo is None else ["of this by the number of draws [sd]"]
+    heads = ["", "mean within [sd]", *by_chance, "sd within", "correlations within", "mean moves by [sd]"]
     return Table(
         "How far the figures of each parameter may be off, with "
         f"{100.0 * certificate.limits.confidence:.0f} % confidence, and how far the draws of the certificate say they are",
-        (["", "mean within [sd]", "sd within", "correlations within", "mean moves by [sd]"], _bounds(certificate)),
+        (heads, _bounds(certificate)),
     )
 
 
@@ -126,13 +128,15 @@ def _asked(certificate: Certificate) -> list[list[str]]:
 
 def _bounds(certificate: Certificate) -> list[list[str]]:
     """Bounds of every parameter's moments, and of its correlations with the others."""
+    chance = certificate.monte_carlo
+    by_chance = [[] for _ in certificate.names] if chance is None else [[f"{mean:.2g}"] for mean in chance.mean]
     figures = (
-        certificate.mean_bound, certificate.sd_bound, certificate.correlation_bound.max(axis=1), certificate.shift,
-        certificate.shift_error,
+        certificate.mean_within, by_chance, certificate.sd_within, certificate.correlation_within.max(axis=1),
+        certificate.shift, certificate.shift_error,
     )  # fmt: skip
     return [
-        [pretty(name), f"{mean:.2g}", f"{100.0 * sd:.2g} %", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
-        for name, mean, sd, correlation, shift, error in zip(certificate.names, *figures, strict=True)
+        [pretty(name), f"{mean:.2g}", *by, f"{100.0 * sd:.2g} %", f"{correlation:.2g}", f"{shift:+.3f} ± {error:.3f}"]
+        for name, mean, by, sd, correlation, shift, error in zip(certificate.names, *figures, strict=True)
     ]
 
 
