@@ -155,7 +155,7 @@ def cases() -> dict[str, Drawn]:
         found[f"within one sd, d = {d}"] = Drawn(
             normal, kept(whole, lambda x: np.abs(x[:, 0]) < 1.0), d, right="refused"
         )
-    for times in (2, 30):
+    for times in (2, 30, 60):
         steps = times * TAU
         found[f"32 chains of {times} autocorrelation times, d = 4"] = Drawn(
             normal, autoregressive(4, steps), 4, right="refused" if times == 2 else "let pass"

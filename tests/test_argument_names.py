@@ -4,6 +4,7 @@ import inspect
 
 import numpy as np
 import pytest
+import scipy.stats
 
 import structid as si
 from structid.errors import InputError
@@ -67,16 +68,32 @@ MEASURED = si.Observation(RECORD, RECORD.values, channels=("velocity",))
         ),
         (
             lambda: si.Posterior(SPACE, MODEL, RECORD.values),
-            r"Posterior\(observations\): a ndarray\. Allowed: a structid.Obs",
+            r"Posterior\(observations\): an array\. Allowed: a structid.Obs",
+        ),
+        (
+            lambda: si.Observation(RECORD.values, RECORD),
+            r"Observation\(record\): an array\. Allowed: a structid\.GroundMotion",
+        ),
+        (lambda: MODEL.simulate({"stiffness": 7e6}, RECORD), r"parameters: values by name.*columns stiffness"),
+        (
+            lambda: si.ParameterSpace(a=scipy.stats.norm(1.0, 2.0)),
+            r"ParameterSpace\(a\): SciPy's norm.*structid\.Uniform",
         ),
         (lambda: si.Posterior(SPACE, MODEL, [MEASURED, 3.0]), r"Posterior\(observations\): a float"),
         (lambda: si.Posterior(SPACE, MODEL, MEASURED, "ar1"), r"Posterior\(discrepancy\): the text 'ar1'.*AR1"),
-        (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): a AIES\. Allowed: a structid.Posterior"),
+        (lambda: si.sample(si.AIES(), MODEL), r"sample\(target\): an AIES\. Allowed: a structid.Posterior"),
     ],
 )
 def test_a_value_of_another_kind(call, words):
     with pytest.raises(InputError, match=words):
         call()
+
+
+def test_what_is_left_out_is_told():
+    with pytest.raises(InputError, match=r"GroundMotion: dt left out\. Allowed: GroundMotion\(values, dt, …\)"):
+        si.GroundMotion(RECORD.values)
+    with pytest.raises(InputError, match=r"Posterior: model and observations left out"):
+        si.Posterior(SPACE)
 
 
 def test_what_is_given_is_shown_in_a_line():

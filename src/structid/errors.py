@@ -85,6 +85,7 @@ KINDS = {
     "Model": ("simulate", "a model such as structid.BoucWen or structid.CallableModel"),
     "Target": ("log_density", "a structid.Posterior or structid.LogDensity"),
     "Posterior": ("observations", "a structid.Posterior"),
+    "Excitation": ("duration", "a structid.GroundMotion, ForceHistory or DisplacementHistory"),
     "Observation": ("check_new", "a structid.Observation"),
     "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
     "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
@@ -125,6 +126,9 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     numbers = {n for n, p in parameters.items() if set(re.split(r"\s*\|\s*", str(p.annotation))) <= NUMBERS}
     kinds = {n: found for n, p in parameters.items() if (found := _kinds(str(p.annotation)))}
     in_order = tuple(every)
+    needed = [
+        name for name, p in every.items() if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
 
     @functools.wraps(function)
     def checked(*arguments: Any, **named: Any) -> Any:
@@ -134,6 +138,12 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
                 raise InputError(
                     f"{called}({name})", "an argument that it does not have", ", ".join(known) or "none", cure
                 )
+        missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
+        if missing:
+            wanted = ", ".join(name for name in needed if name in parameters)
+            raise InputError(
+                called, f"{' and '.join(missing)} left out", f"{called}({wanted}, …)", f"See help({called})."
+            )
         for name, value in (*zip(in_order, arguments, strict=False), *named.items()):
             if isinstance(value, str) and name in numbers:
                 cure = f"Write it without quotes. help({called}) says in which unit."
@@ -155,7 +165,9 @@ def _kinds(annotation: str) -> tuple[list[str], bool] | None:
 def _refuse_another_kind(where: str, value: Any, kinds: list[str], several: bool) -> None:
     for one in value if several and isinstance(value, (list, tuple)) else [value]:
         if not any(hasattr(one, KINDS[kind][0]) for kind in kinds):
-            came = f"the text '{one}'" if isinstance(one, str) else f"a {type(one).__name__}"
+            kind = type(one).__name__
+            came = f"the text '{one}'" if isinstance(one, str) else f"{'an' if kind[0] in 'AEIOaeio' else 'a'} {kind}"
+            came = "an array" if kind == "ndarray" else came
             raise InputError(where, came, " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))
 
 

@@ -37,6 +37,7 @@ def _registry() -> Any:
 
 def _clean(unit: str) -> str:
     text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
+    text = re.sub(r"(?<=[A-Za-z])(?=[2-9])", "**", text)  # m/s2, kN/m3
     # A single g means gravity; "kg" and similar units stay as they are.
     return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
 
@@ -62,7 +63,7 @@ def _si_quantity(unit: str) -> Any:
             f"unit '{unit}'",
             "it is not a unit that structid knows",
             "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
-            "Check the spelling; write exponents as m^2 or m**2.",
+            "Check the spelling; exponents are m^2, m**2 or m2.",
         ) from cause
 
 

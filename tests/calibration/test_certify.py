@@ -388,9 +388,26 @@ def test_too_few_true_runs():
         si.certify(posterior(), draws(), normal(), true_runs=5)
 
 
-def test_steps_before_walkers_are_refused():
-    """As emcee keeps them: slopes would take the walkers' order for that of time."""
-    chain = draws().reshape(40, 100, 3)
-    assert si.certify(posterior(), chain, normal()(chain.reshape(-1, 3)).reshape(40, 100)).certified
-    with pytest.raises(InputError, match=r"100 chains of 40 draws.*swapaxes\(0, 1\)"):
+@pytest.mark.parametrize(("walkers", "steps"), [(16, 1600), (200, 100)])
+def test_steps_before_walkers_are_refused(walkers, steps):
+    """As emcee keeps them: slopes would take the walkers' order for that of time. More chains than draws are none for that."""
+    chain = chains(5, walkers, steps, seed=1)
+    assert si.certify(posterior(), chain, normal()(chain.reshape(-1, 3)).reshape(walkers, steps)).certified
+    with pytest.raises(InputError, match=rf"{steps} chains of {walkers} draws.*swapaxes\(0, 1\)"):
         si.certify(posterior(), chain.swapaxes(0, 1), normal())
+
+
+@pytest.mark.parametrize("told", ["function", "values", "nothing"])
+def test_draws_in_another_unit_are_asked_for(told):
+    """Priors without bounds have draws of any size in their support; runs of the model alone would speak of thousands of nats."""
+    space = si.ParameterSpace(**{n: si.Normal(m, 10.0 * s) for n, m, s in zip(NAMES, 1e3 * TRUTH, SDS, strict=True)})
+    target = si.LogDensity(normal(1e3 * TRUTH), NAMES, space)
+    some = draws(count=6000)
+    density = {"function": normal(), "values": normal()(some), "nothing": None}[told]
+    found = si.certify(target, some, density)
+    assert not found.certified and "standard deviations of the prior away from its median" in found.reasons[0], str(
+        found
+    )
+    assert "are they in SI" in str(found) and "of b" in found.reasons[0]
+    right = si.certify(target, some + 999.0 * TRUTH, normal(1e3 * TRUTH))
+    assert right.certified, str(right)

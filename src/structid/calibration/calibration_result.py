@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from structid.errors import names_checked
 from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.certificate import Certificate
 from structid.inference.assessment.prediction import Prediction, first_that_takes, predict
@@ -158,6 +161,28 @@ class CalibrationResult(ShownAsText):
         """Whether true runs certify that the surrogate's posterior is the model's."""
         return self.certificate.certified
 
+    @property
+    def draws(self) -> np.ndarray:
+        """Draws in SI, shape (chain, draw, parameter); not re-weighted."""
+        return self.sampling.draws
+
+    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
+        """Write draws, predictions and statistics to a netCDF file of the ArviZ schema; see `SamplingResult.to_netcdf`.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        predictions : bool
+            Include the groups that need simulations, which the surrogate makes.
+
+        Returns
+        -------
+        Path
+            The file written.
+        """
+        return self.sampling.to_netcdf(path, predictions)
+
     def verdict(self) -> Verdict:
         """Say whether the sampling has converged, and what speaks against the model and the law of the errors.
 
@@ -192,6 +217,7 @@ class CalibrationResult(ShownAsText):
             return np.asarray(np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2))
         return self.sampling.sd
 
+    @names_checked
     def quantile(self, p: float | np.ndarray) -> np.ndarray:
         """Quantiles of the marginals.
 
@@ -236,6 +262,7 @@ class CalibrationResult(ShownAsText):
         found = self.sampling.log_evidence
         return None if found is None else self.corrected(found)
 
+    @names_checked
     def predict(
         self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> Prediction:

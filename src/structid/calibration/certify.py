@@ -147,7 +147,8 @@ def certify(
     fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
     searching = truth.count - before
     more = len(chosen.theta) // 2 if teaching is None else teaching
-    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*noise, *why), rng)
+    far = law.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
+    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
     return replace(found, subject=law.subject, searched=searching, monte_carlo=by_chance)
 
 

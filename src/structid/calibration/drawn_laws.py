@@ -20,6 +20,8 @@ MANY = 4000
 """Draws that stand for a law at most."""
 COVERED = 0.99
 """Share of a law in the ball where its draws are said to come."""
+FAR_FROM_PRIOR = 8.0
+"""Standard deviations of the prior, without bounds, from its median beyond which draws are probably in another unit."""
 OTHER_SPREAD = 0.7
 """Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
 
@@ -152,6 +154,33 @@ class DrawnLaw(ABC):
     def _walkers(self) -> int:
         """Of an ensemble whose draws were given step by step as one chain; 1 otherwise."""
         return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
+
+    def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
+        """Say that draws are where the prior is next to zero, as those in another unit are.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Draws from the prior.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for the parameter that is furthest away, if it is too far; empty also where no prior is known.
+        """
+        if not self.posterior.knows_prior:
+            return ()
+        prior = self.posterior.initial(MANY, rng)
+        middle, sd = np.median(prior, axis=0), prior.std(axis=0)
+        distance = np.abs(np.median(self.phi, axis=0) - middle) / sd
+        worst = int(np.argmax(distance))
+        if distance[worst] <= FAR_FROM_PRIOR:
+            return ()
+        ours, expected = float(np.median(self.flat[:, worst])), float(self.bijection(middle[None])[0][0, worst])
+        return (
+            f"the draws of {self.posterior.names[worst]} lie {distance[worst]:.0f} standard deviations of the prior away from its "
+            f"median, at {ours:.3g} where that is {expected:.3g}: are they in SI (N, m, kg, s)",
+        )
 
     @abstractmethod
     def log_density(self, theta: np.ndarray) -> np.ndarray:

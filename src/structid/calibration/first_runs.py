@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 
 import numpy as np
 
 from structid.calibration.plan import FEWEST_IN_A_BATCH
 from structid.calibration.true_runs import TrueRuns
-from structid.errors import InputError
+from structid.errors import InputError, StructidWarning
+from structid.inference.assessment.side_by_side import SideBySide
 from structid.probability.designs import Design
 from structid.surrogates.face import SurrogateSettings
 
@@ -43,6 +45,26 @@ def make_first_runs(
         count = len(true) + min(failed, left(len(true)))
         true.make(planned(count)[len(true) :])
     true.refuse_rest()
+
+
+def warn_of_mistakes(true: TrueRuns) -> None:
+    """Warn of what the first run nearest to the priors' medians shows beside the measurements: a wrong unit, sign or clock.
+
+    Parameters
+    ----------
+    true : TrueRuns
+        With the first runs.
+    """
+    if not true.finished.any():
+        return
+    from_medians = np.abs(true.space.cdf(true.points) - 0.5).max(axis=1)
+    place = int(np.argmin(np.where(true.finished, from_medians, np.inf)))
+    for observation, response in zip(true.observations, true.responses(slice(place, place + 1)), strict=True):
+        histories = dict(zip(true.model.channels, response[0].T, strict=True))
+        for pair in SideBySide.of(histories, true.model.channel_units, observation):
+            for question in pair.questions:
+                said = f"{question} The run of the first design that is nearest to the priors' medians shows it."
+                warnings.warn(said, StructidWarning, stacklevel=5)
 
 
 def _fit_for_a_surrogate(true: TrueRuns, settings: SurrogateSettings) -> bool:

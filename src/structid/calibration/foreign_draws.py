@@ -19,6 +19,10 @@ Draws = SamplingResult | Mapping[str, Any] | np.ndarray | str | os.PathLike[str]
 FEWEST, FEWEST_FOR_EACH = 100, 20
 """Draws of an approximation, and for each of its parameters, with which its moments are known well enough."""
 
+ACROSS = 0.1
+"""Correlation of neighbouring chains, beyond three errors of chance, above which they are steps of an ensemble, if successive draws
+correlate less."""
+
 
 def draws_of(draws: Draws, names: tuple[str, ...]) -> np.ndarray:
     """Take draws of some parameters from whatever holds them.
@@ -141,14 +145,24 @@ def _columns(array: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
         )
     if array.ndim == 2:
         return array[None]
-    if array.shape[0] > array.shape[1] > 1:
+    along, across = (_correlation_of_neighbours(array, axis) for axis in (1, 0))
+    if across > max(along, ACROSS + 3.0 / np.sqrt(array[..., 0].size)):
         raise InputError(
             "certify(draws)",
-            f"{array.shape[0]} chains of {array.shape[1]} draws",
-            "(chain, draw, parameter), with more draws than chains; independent draws are one array (draw, parameter)",
+            f"{array.shape[0]} chains of {array.shape[1]} draws, of which neighbouring chains correlate by {across:.2f} and "
+            f"successive draws by {along:.2f}",
+            "(chain, draw, parameter); independent draws are one array (draw, parameter)",
             "emcee's get_chain() is (step, walker, parameter): give chain.swapaxes(0, 1), and its log densities transposed.",
         )
     return array
+
+
+def _correlation_of_neighbours(array: np.ndarray, axis: int) -> float:
+    """Correlation of what follows one another along an axis of (chain, draw, parameter), averaged over the parameters."""
+    x = np.moveaxis(array - array.mean(axis=(0, 1)), axis, 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        correlation = np.mean(x[1:] * x[:-1], axis=(0, 1)) / np.mean(x**2, axis=(0, 1)) if len(x) > 1 else np.zeros(1)
+    return float(np.nanmean(correlation)) if np.isfinite(correlation).any() else 0.0
 
 
 def _checked(draws: np.ndarray, names: tuple[str, ...]) -> np.ndarray:

@@ -17,7 +17,7 @@ from structid.calibration.calibration_result import CalibrationResult, Round
 from structid.calibration.cross_judged import judged_in_turn
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
-from structid.calibration.first_runs import make_first_runs
+from structid.calibration.first_runs import make_first_runs, warn_of_mistakes
 from structid.calibration.plan import FEWEST_IN_A_BATCH, Plan
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
 from structid.calibration.taken_over import first_design, take_over
@@ -130,6 +130,12 @@ def calibrate(
     StoreMismatchError
         If `store` belongs to another calibration.
 
+    Warns
+    -----
+    StructidWarning
+        If the first runs are not like the measurements: many times larger or smaller, mainly at another frequency, with the sign
+        reversed, or late. A unit is probably wrong.
+
     Notes
     -----
     What each round has found is logged: ``logging.basicConfig(level=logging.INFO)`` shows it.
@@ -219,6 +225,7 @@ class _Loop:
     def run(self) -> CalibrationResult:
         """Go through the rounds that are stored, and on from there."""
         make_first_runs(self.true, self.settings, self._planned, self._left)
+        warn_of_mistakes(self.true)
         stored = [] if self.journal is None else list(self.journal)
         while True:
             number, training = len(self.rounds), len(self.true)

@@ -139,7 +139,8 @@ class LawChoice(ShownAsText):
         ahead = self.evidences[self.chosen].value - others[next_best]
         if ahead >= 0.0:
             nats = f"{ahead:.3g}" if ahead < 1000.0 else f"{ahead:,.0f}"
-            return f", {nats} nats ahead of {self.laws[next_best]}"
+            error = np.hypot(self.evidences[self.chosen].error, self.evidences[next_best].error)
+            return f", {nats} ± {error:.1f} nats ahead of {self.laws[next_best]}"
         return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
 
     def __str__(self) -> str:

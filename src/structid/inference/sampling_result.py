@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from structid.errors import InputError, StructidWarning, names_checked
+from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment import prediction as predictive
 from structid.inference.assessment.arviz_groups import LIBRARY, groups_of_draws, groups_of_measurement
+from structid.inference.assessment.best_prediction import UNMEASURED, BestPrediction, best_prediction
 from structid.inference.assessment.diagnostics import parameter_diagnostics, stuck_walkers
 from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
 from structid.inference.assessment.maximum import maximum
@@ -268,19 +270,19 @@ class SamplingResult(ShownAsText):
     @cached_property
     def _verdict(self) -> Verdict:
         accepted, (stuck, failures) = self.accepted[self.discarded :], self._convergence
-        unexplained, against_priors = self._unexplained(), () if failures else self._against_priors()
+        best, against_priors = self._best_prediction(), () if failures else self._against_priors()
         return Verdict(
             converged=not failures,
             failures=tuple(failures),
-            warnings=(*(warned.said for warned in against_priors), *self._warnings(unexplained)),
+            warnings=(*(warned.said for warned in against_priors), *self._warnings(best.unexplained)),
             against_priors=against_priors,
-            wrong_model=() if failures else tuple(wrong_model(unexplained, self.drift, self.mean)),
-            wrong_law=tuple(self._wrong_law()),
+            wrong_model=() if failures else tuple(wrong_model(best, self.drift, self.mean)),
+            wrong_law=() if best.of_another_size else tuple(self._wrong_law()),
             parameters=self._diagnostics,
             acceptance=accepted.mean(axis=0),
             stuck=stuck,
             failed_simulations=self.failed_simulations,
-            unexplained=unexplained,
+            best=best,
             kept_steps=len(accepted),
             needed_length=self.sampler.needed_length,
         )
@@ -300,12 +302,12 @@ class SamplingResult(ShownAsText):
         """
         return self._verdict
 
-    def _unexplained(self) -> float:
+    def _best_prediction(self) -> BestPrediction:
         if self._measured is None:
-            return float("nan")
+            return UNMEASURED
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # draws outside a surrogate's range are in the verdict
-            return predictive.unexplained_fraction(self._measured, self.map_estimate)
+            return best_prediction(self._measured, self.map_estimate)
 
     def _against_priors(self) -> tuple[PriorWarning, ...]:
         """Where prior and data disagree, of a target that has priors."""
@@ -336,8 +338,9 @@ class SamplingResult(ShownAsText):
         )
         return residual_warnings(self.residuals, self._measured.law, ratios)
 
+    @names_checked
     def predict(
-        self, record: Any = None, channels: tuple[str, ...] | None = None, **settings: Any
+        self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> predictive.Prediction:
         """Predict, on the measured record or another one; see `prediction.predict`.
 
@@ -355,14 +358,8 @@ class SamplingResult(ShownAsText):
         Prediction
             Draws of the response with and without discrepancy, bands, peaks.
         """
-        return predictive.predict(
-            self._posterior(),
-            self.thinned(settings.pop("draws", THINNED_DRAWS)),
-            record,
-            channels,
-            drift=self.drift,
-            **settings,
-        )
+        theta = self.thinned(settings.pop("draws", THINNED_DRAWS))
+        return predictive.predict(self._posterior(), theta, record, channels, drift=self.drift, **settings)
 
     @property
     def _measured(self) -> Posterior | None:
@@ -380,7 +377,7 @@ class SamplingResult(ShownAsText):
 
     @names_checked
     def to_datatree(self, predictions: bool = True) -> xarray.DataTree:
-        """Give everything in the ArviZ schema: posterior, prior, predictives, observed data, statistics, log-likelihood.
+        """Give everything in the ArviZ schema, for ArviZ 1; ArviZ before 1 reads what `to_netcdf` writes.
 
         Parameters
         ----------
@@ -412,7 +409,7 @@ class SamplingResult(ShownAsText):
             with warnings.catch_warnings():
                 warnings.simplefilter(
                     "ignore", StructidWarning
-                )  # draws of the prior lie outside a surrogate's range, too
+                )  # draws of the prior are outside a surrogate's range, too
                 groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {

@@ -362,11 +362,11 @@ class Model(ABC):
         if isinstance(design, Design):
             self.check_names(design.space.names, design.space.all_names)
             return np.asarray(design.columns(self.free), dtype=np.float64)
-        theta = np.asarray(design, dtype=np.float64)
+        theta = np.empty(0) if isinstance(design, Mapping) else np.asarray(design, dtype=np.float64)
         if theta.ndim != 2 or theta.shape[1] != len(self.free):
             raise InputError(
                 "parameters",
-                f"an array of shape {theta.shape}",
+                "values by name" if isinstance(design, Mapping) else f"an array of shape {theta.shape}",
                 f"(run, {len(self.free)}) with the columns {', '.join(self.free) or '(none: every parameter is fixed)'}",
             )
         return theta

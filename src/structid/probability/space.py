@@ -58,10 +58,13 @@ class ParameterSpace(ShownAsText):
             )  # fmt: skip
         for name, marginal in marginals.items():
             if not isinstance(marginal, Marginal):
+                scipys = getattr(getattr(marginal, "dist", None), "name", "")
                 raise InputError(
-                    f"ParameterSpace({name})", f"{marginal!r}", "a distribution such as Uniform(0.0, 1.0)",
-                    "A known value belongs in the model, not in the space.",
-                )  # fmt: skip
+                    f"ParameterSpace({name})",
+                    f"SciPy's {scipys}" if scipys else f"{marginal!r}",
+                    "a distribution such as structid.Uniform(0.0, 1.0)",
+                    "" if scipys else "A known value belongs in the model, not in the space.",
+                )
         self.marginals: dict[str, Marginal] = dict(marginals)
         self._correlation = copula.correlation_matrix(correlation, self.names)
         self._derived_source = dict(derived or {})

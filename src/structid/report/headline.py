@@ -251,7 +251,12 @@ def _further(material: PosteriorMaterial, parameters: list[LearntParameter]) -> 
     said = [
         f"{warned.said[:1].upper()}{warned.said[1:]}. {warned.cure}" for warned in verdict.against_priors if warned.cure
     ]
-    if verdict.wrong_model:
+    if verdict.another_size:
+        said.append(
+            "Look at the units of the measurement, of the record and of the priors: the best prediction is of another size than "
+            "what was measured. Mend them, and run again in another folder."
+        )
+    elif verdict.wrong_model:
         said.append(
             "Do not take these parameters for those of the structure. Give the model what it lacks (a sharper or softer "
             "yield, degradation, pinching, an offset of the instrument), calibrate that to the same measurement, and see which one "

@@ -21,5 +21,7 @@ def test_prediction_knows_each_observation_and_each_channel(short_record, study_
     second = predict(posterior, theta, other, scaled=False)
     assert second.channels == channels
     assert (second.observable - second.response)[:, :, 1].std() == pytest.approx(0.01, rel=0.02)
+    peak = np.median(second.peaks[:, 1]) * 1e3
+    assert f"peak velocity {peak:.3g} mm/s (90 %: " in str(second) and "50 draws of the response to" in repr(second)
     extra = predict(posterior, theta, other, ("velocity", "restoring_force"))
     np.testing.assert_array_equal(extra.observable[:, :, 1], extra.response[:, :, 1])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.assessment.residuals import WhitenedResidual, autocovariance, whitened_residuals
+from structid.inference.assessment.diagnostics import autocovariance
+from structid.inference.assessment.residuals import WhitenedResidual, whitened_residuals
 from structid.inference.assessment.robust_spread import (
     LONG_RUN_SHARE,
     RobustSpread,

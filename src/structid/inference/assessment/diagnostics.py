@@ -46,7 +46,8 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     """τ of `autocorrelation_time`, and its standard error, τ √(2 (2M + 1) / (E S)) (Madras & Sokal 1988)."""
     series = np.atleast_2d(series)
     count, steps = series.shape
-    covariance = _autocovariance(series)
+    transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
+    covariance = np.fft.irfft((np.abs(transform) ** 2).mean(axis=0))[:steps]
     if np.ptp(series) == 0.0:
         return float("nan"), float("nan")
     sums = 2.0 * np.cumsum(covariance / covariance[0]) - 1.0
@@ -58,11 +59,22 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     return time, time * float(np.sqrt(2.0 * (2 * last + 1) / (count * steps)))
 
 
-def _autocovariance(series: np.ndarray) -> np.ndarray:
-    """Σ_t x(t) x(t + lag), about the mean of all series (series, step), averaged over them."""
-    steps = series.shape[1]
-    transform = np.fft.rfft(series - series.mean(), n=2 * steps, axis=1)
-    return np.asarray(np.fft.irfft((np.abs(transform) ** 2).mean(axis=0))[:steps])
+def autocovariance(series: np.ndarray) -> np.ndarray:
+    """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
+
+    Parameters
+    ----------
+    series : ndarray, shape (time, quantity)
+        Series of one length.
+
+    Returns
+    -------
+    ndarray, shape (lag, quantity)
+        For every lag k from 0; a sum, not a mean.
+    """
+    samples = len(series)
+    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
+    return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
 
 
 def walkers_in_turn(draws: np.ndarray) -> int:
@@ -80,9 +92,8 @@ def walkers_in_turn(draws: np.ndarray) -> int:
     int
         1 for a chain, and for independent draws.
     """
-    standard = (draws - draws.mean(axis=0)) / draws.std(axis=0)
-    covariance = np.mean([_autocovariance(column[None]) for column in standard.T], axis=0)
-    correlation = covariance / covariance[0]
+    covariance = autocovariance(draws)
+    correlation = np.mean(covariance / covariance[0], axis=1)
     seen = IN_TURN + ERRORS_OF_CHANCE / np.sqrt(draws.size)
     apart = np.flatnonzero(correlation > seen)[1:]
     return int(apart[0]) if apart.size and apart[0] > 1 else 1

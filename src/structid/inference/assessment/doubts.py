@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
+from structid.inference.assessment.best_prediction import UNEXPLAINED_LIMIT, BestPrediction
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import StandIn
-
-UNEXPLAINED_LIMIT = 0.25
-"""A model is said to be wrong if its best prediction leaves this fraction of the measurement's variance unexplained."""
 
 SURROGATE_NATS = 2.0
 """Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
 
 
-def wrong_model(unexplained: float, drift: ParameterDrift | None, mean: np.ndarray) -> list[str]:
+def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: np.ndarray) -> list[str]:
     """Say what speaks against the model.
 
     Parameters
     ----------
-    unexplained : float
-        Fraction of the measurement's variance that the best prediction leaves; NaN where nothing is measured.
+    best : BestPrediction
+        What its best prediction leaves; NaN where nothing is measured.
     drift : ParameterDrift or None
         How far its parameters drift.
     mean : ndarray, shape (parameter,)
@@ -33,10 +31,14 @@ def wrong_model(unexplained: float, drift: ParameterDrift | None, mean: np.ndarr
         A sentence each.
     """
     found = []
-    if unexplained > UNEXPLAINED_LIMIT:
-        found.append(
-            f"Its best prediction leaves {100.0 * unexplained:.0f} % of the measurement's variance unexplained."
-        )
+    if best.unexplained > UNEXPLAINED_LIMIT:
+        left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
+        if best.of_another_size:
+            left += (
+                f", and has {best.peak:.2g} times the measured peak: are the units of the measurement, of the record and of the "
+                "priors right, and numbers without a unit in SI"
+            )
+        found.append(left + ("?" if best.of_another_size else "."))
     if drift is not None and drift.found:
         found.append(drift.sentence(mean))
     return found

@@ -18,14 +18,16 @@ from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Model, Progress
+from structid.notebook import ShownAsText
 from structid.streams import Purpose, stream
+from structid.units import factor
 
 PEAK_SHARE = (0.5, 0.5)
 """Mean and sd of the power of the measured peak's ratio that corrects the peaks of another record."""
 
 
 @dataclass(frozen=True)
-class Prediction:
+class Prediction(ShownAsText):
     """Draws of a predicted response.
 
     Parameters
@@ -67,6 +69,18 @@ class Prediction:
     peak_ratio: np.ndarray | None = None
     peak_share: np.ndarray | None = None
     status: np.ndarray | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        runs, samples, _ = self.response.shape
+        failed = f", {self.failed} failed" if self.failed else ""
+        lines = [f"{runs} draws{failed} of the response to {self.excitation or 'a record'}, {samples} samples"]
+        for channel, peaks in zip(self.channels, self.peaks.T, strict=True):
+            unit = self.units[channel].display if channel in self.units else ""
+            low, middle, high = np.quantile(peaks, (0.05, 0.5, 0.95)) / factor(unit) if runs else (np.nan,) * 3
+            lines.append(f"  peak {channel} {middle:.3g} {unit} (90 %: {low:.3g} to {high:.3g})")
+        return "\n".join(lines)
+
+    __repr__ = __str__
 
     def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Pointwise central interval.
@@ -364,27 +378,3 @@ def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt
         observable=applied(prediction.observable),
         structural=applied(structural, widened),
     )
-
-
-def unexplained_fraction(posterior: Posterior, theta: np.ndarray) -> float:
-    """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)².
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Model and measurements.
-    theta : ndarray, shape (parameter,)
-        Parameters in SI.
-
-    Returns
-    -------
-    float
-        The largest over measurements and channels; 0 is perfect.
-    """
-    worst = 0.0
-    for index, observation in enumerate(posterior.observations):
-        residual = observation.values - posterior.predict(theta[None, :], index)[0]
-        about_mean = ((observation.values - observation.values.mean(axis=0)) ** 2).sum(axis=0)
-        fraction = float(((residual**2).sum(axis=0) / about_mean).max())
-        worst = max(worst, fraction if np.isfinite(fraction) else np.inf)
-    return worst

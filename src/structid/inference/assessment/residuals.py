@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy
 
+from structid.inference.assessment.diagnostics import autocovariance
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 
@@ -109,24 +110,6 @@ def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[Whitene
             if np.isfinite(white[:, i]).all()
         ]
     return tuple(found)
-
-
-def autocovariance(series: np.ndarray) -> np.ndarray:
-    """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
-
-    Parameters
-    ----------
-    series : ndarray, shape (time, quantity)
-        Series of one length.
-
-    Returns
-    -------
-    ndarray, shape (lag, quantity)
-        For every lag k from 0; a sum, not a mean.
-    """
-    samples = len(series)
-    transform = np.fft.rfft(series - series.mean(axis=0), 2 * samples, axis=0)
-    return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
 
 
 def residual_warnings(

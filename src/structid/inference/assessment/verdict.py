@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from structid.inference.assessment.best_prediction import BestPrediction
 from structid.inference.assessment.diagnostics import ParameterDiagnostics, effective_sample_size
 from structid.inference.assessment.prior_warnings import PriorWarning
 from structid.inference.sampling.rest import still_moving
@@ -49,8 +50,8 @@ class Verdict(ShownAsText):
         Number of stuck walkers.
     failed_simulations : int
         Simulations within the prior's support that failed; they count as −inf.
-    unexplained : float
-        Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement.
+    best : BestPrediction
+        How well the best prediction fits the measurement.
     kept_steps : int
         Steps kept after the start was dropped.
     needed_length : float
@@ -64,12 +65,22 @@ class Verdict(ShownAsText):
     acceptance: np.ndarray = field(repr=False)
     stuck: int
     failed_simulations: int
-    unexplained: float
+    best: BestPrediction
     kept_steps: int
     needed_length: float
     wrong_model: tuple[str, ...] = ()
     wrong_law: tuple[str, ...] = ()
     against_priors: tuple[PriorWarning, ...] = ()
+
+    @property
+    def unexplained(self) -> float:
+        """Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement."""
+        return self.best.unexplained
+
+    @property
+    def another_size(self) -> bool:
+        """Whether that prediction is so much smaller or larger than the measurement that a unit is probably wrong."""
+        return self.best.of_another_size
 
     @property
     def doubt(self) -> str:

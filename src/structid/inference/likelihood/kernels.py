@@ -46,14 +46,17 @@ class CorrelatedInTime(Correlated):
 @names_checked
 @dataclass(frozen=True, eq=False)
 class AR1(CorrelatedInTime):
-    """Exponential kernel, σ² exp(−τ/ℓ): at a constant step an AR(1) process with φ = exp(−dt/ℓ), plus white noise.
+    """Exponential kernel, σ² exp(−τ/ℓ): at a constant step dt an AR(1) process with φ = exp(−dt/ℓ), plus white noise.
 
     Parameters
     ----------
-    variance, white : float, Marginal or None
-        As for `Correlated`.
+    variance : float, Marginal or None
+        σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
+        prior is U(0, max|y|²).
+    white : float, Marginal or None
+        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
     correlation_time : float, Marginal or None
-        ℓ [s].
+        ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
     """
 
     kind: ClassVar[str] = "ar1"
@@ -69,10 +72,13 @@ class Matern32(CorrelatedInTime):
 
     Parameters
     ----------
-    variance, white : float, Marginal or None
-        As for `Correlated`.
+    variance : float, Marginal or None
+        σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
+        prior is U(0, max|y|²).
+    white : float, Marginal or None
+        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
     correlation_time : float, Marginal or None
-        ℓ [s].
+        ℓ [s], likewise. If left out, its prior is lognormal, with 95 % between dt and a tenth of the duration.
     """
 
     kind: ClassVar[str] = "matern32"
@@ -97,12 +103,15 @@ class DampedCosine(Correlated):
 
     Parameters
     ----------
-    variance, white : float, Marginal or None
-        As for `Correlated`.
+    variance : float, Marginal or None
+        σ² of the correlated part, in the square of the channel's SI unit: a number if it is known, or a prior. If left out, its
+        prior is U(0, max|y|²).
+    white : float, Marginal or None
+        Variance of white noise that is added, likewise. ``white=0.0`` leaves it out; this may change the evidence by some nats.
     frequency : float, Marginal or None
-        ω₀/2π [Hz].
+        ω₀/2π [Hz], likewise. If left out, its prior is lognormal, with 95 % between two cycles in the whole duration and 1/(2 dt).
     damping : float, Marginal or None
-        ζ, between 0 and 1.
+        ζ, between 0 and 1. If left out, its prior is uniform there.
     """
 
     frequency: float | Marginal | None = None

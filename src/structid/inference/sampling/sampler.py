@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -80,10 +80,32 @@ class Evidence:
             return f"{said}, without what the particles have not reached: they are not at rest"
         return said if np.isnan(self.smallest_basin) else f"{said} ({self.reach})"
 
+    def __sub__(self, other: Evidence) -> LogBayesFactor:
+        """Compare with that of another model of the same measurement: log Z − log Z′, with the errors of both."""
+        return LogBayesFactor(self.value - other.value, float(np.hypot(self.error, other.error)))
+
     @property
     def reach(self) -> str:
         """Which modes are in it."""
         return f"of the modes whose basin holds {100 * self.smallest_basin:.2g} % of the prior or more"
+
+
+class LogBayesFactor(NamedTuple):
+    """How much more a measurement speaks for one model than for another.
+
+    Parameters
+    ----------
+    value : float
+        Log of the ratio of both evidences [nat]: e^5 is 148 to 1.
+    error : float
+        Its standard error.
+    """
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"log Bayes factor {self.value:.2f} ± {self.error:.2f}"
 
 
 @dataclass(frozen=True)

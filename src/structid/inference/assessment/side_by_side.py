@@ -1,0 +1,173 @@
+"""Model and measurement side by side: a wrong unit, a reversed sign or a late clock shows before any long run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.channels import ChannelUnit
+from structid.ground_motion.excitation import Excitation
+from structid.observation import Observation
+from structid.units import factor
+
+WRONG_BY = 8.0
+"""Ratio of peaks beyond which a unit is likely to be wrong: g for m/s² is a factor of 9.8."""
+
+OUT_OF_TUNE = 3.0
+"""The same of main frequencies: nine times the stiffness, or the mass."""
+
+OFFSET = 2.0
+"""Mean of a measurement over its standard deviation, beyond which it is likely to have an offset."""
+
+OPPOSITE = -0.6
+"""Correlation of model and measurement, below which a sign is likely to be reversed."""
+
+ALIKE, UNLIKE = 0.7, 0.5
+"""Correlation after a shift in time above which it is likely to be real, if without it there is less than this share of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SideBySide:
+    """One channel of a response as the model has it, and as it was measured.
+
+    Parameters
+    ----------
+    channel, unit : str
+        Its name and display unit.
+    modelled, measured : ndarray, shape (time,)
+        Both histories, in SI.
+    observation : Observation
+        That it was measured in.
+    """
+
+    channel: str
+    unit: str
+    modelled: np.ndarray
+    measured: np.ndarray
+    observation: Observation
+
+    @classmethod
+    def of(
+        cls, response: Mapping[str, np.ndarray], units: Mapping[str, ChannelUnit], observation: Observation
+    ) -> tuple[SideBySide, ...]:
+        """Put a response beside an observation, channel by channel.
+
+        Parameters
+        ----------
+        response : mapping of str to ndarray, shape (time,)
+            Histories of the model's channels in SI, on the observation's record.
+        units : mapping of str to ChannelUnit
+            Of the same.
+        observation : Observation
+            What was measured.
+
+        Returns
+        -------
+        tuple of SideBySide
+            One for each measured channel.
+        """
+        return tuple(
+            cls(channel, units[channel].display, response[channel], observation.values[:, i], observation)
+            for i, channel in enumerate(observation.channels)
+        )
+
+    @property
+    def record(self) -> Excitation:
+        """What drove both."""
+        return self.observation.record
+
+    @property
+    def _peaks(self) -> list[float]:
+        return [float(np.abs(values).max()) for values in (self.modelled, self.measured)]
+
+    @property
+    def _frequencies(self) -> list[float]:
+        return [_main_frequency(values, self.record.dt) for values in (self.modelled, self.measured)]
+
+    @property
+    def sentence(self) -> str:
+        """Peaks and main frequencies of both, after an article."""
+        shown = [
+            f"{peak / factor(self.unit):.3g} {self.unit} (mainly at {frequency:.2g} Hz)"
+            for peak, frequency in zip(self._peaks, self._frequencies, strict=True)
+        ]
+        return f"model's {self.channel} reaches {shown[0]}, the measured one {shown[1]}."
+
+    @property
+    def questions(self) -> list[str]:
+        """What does not fit."""
+        found = []
+        if not comparable(*self._peaks):
+            found.append(
+                f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
+                "right, and a number without a unit in SI?"
+            )
+        low, high = sorted(self._frequencies)
+        if high > OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
+            found.append(
+                f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
+                f"{self._frequencies[1]:.2g} Hz. Are mass and stiffness in the units you mean?"
+            )
+        mean, spread = float(self.measured.mean()), float(self.measured.std())
+        if abs(mean) > OFFSET * spread and self.observation.offset is None:
+            found.append(
+                f"The measured {self.channel} has a mean of {mean / factor(self.unit):.3g} {self.unit}, {abs(mean) / spread:.1f} "
+                "times its standard deviation. Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
+            )
+        together = np.corrcoef(self.modelled, self.measured)[0, 1] if spread and self.modelled.std() else 0.0
+        if together < OPPOSITE:
+            found.append(
+                f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
+                "the instrument's positive direction that of the record?"
+            )
+        return found + self._shift_questions()
+
+    def _shift_questions(self) -> list[str]:
+        """Whether model and measurement are alike after a shift in time, and not without."""
+        shift, shifted, together = _best_shift(self.modelled, self.measured)
+        if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
+            return []
+        seconds = shift * self.record.dt
+        return [
+            f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
+            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
+            f"'time_shift' says what it shows then: {abs(seconds):.3g} s {'more' if seconds > 0 else 'less'} than now, or a prior "
+            "about that."
+        ]
+
+
+def comparable(one: float, other: float) -> bool:
+    """Say whether two peaks are of similar size.
+
+    Parameters
+    ----------
+    one, other : float
+        Both, in one unit.
+
+    Returns
+    -------
+    bool
+        False where a unit is likely to be wrong.
+    """
+    return bool(max(one, other) <= WRONG_BY * min(one, other))
+
+
+def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float, float]:
+    """Samples by which the measurement is late where both are most alike, their correlation there, and without a shift."""
+    first, second = (values - values.mean() for values in (modelled, measured))
+    norm = np.linalg.norm(first) * np.linalg.norm(second)
+    if norm == 0.0:
+        return 0, 0.0, 0.0
+    correlation = scipy.signal.correlate(second, first) / norm
+    shifts = scipy.signal.correlation_lags(len(second), len(first))
+    best = int(np.argmax(correlation))
+    return int(shifts[best]), float(correlation[best]), float(correlation[shifts == 0][0])
+
+
+def _main_frequency(values: np.ndarray, dt: float) -> float:
+    """Where the amplitude spectrum is largest [Hz]."""
+    amplitude = np.abs(np.fft.rfft(values - values.mean()))
+    return float(np.fft.rfftfreq(len(values), dt)[int(np.argmax(amplitude))])

@@ -1,0 +1,72 @@
+"""Model beside measurement: a unit, a sign, a clock that is wrong is asked for, and what is right is not."""
+
+import numpy as np
+import pytest
+
+import structid as si
+from structid.errors import StructidWarning
+
+PEAK, SAMPLES, DT = 0.02, 2000, 0.01
+TIME = DT * np.arange(SAMPLES)
+RECORD = si.GroundMotion(np.sin(TIME), DT, name="sine")
+RESPONSE = PEAK * np.sin(2.0 * np.pi * 1.5 * TIME) * np.exp(-(((TIME - 8.0) / 3.0) ** 2))
+
+
+def questions(modelled, measured):
+    from structid.channels import standard_unit
+    from structid.inference.assessment.side_by_side import SideBySide
+
+    observation = si.Observation(RECORD, measured, channels=("displacement",))
+    (pair,) = SideBySide.of({"displacement": modelled}, {"displacement": standard_unit("displacement")}, observation)
+    return " ".join(pair.questions)
+
+
+@pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
+def test_what_is_of_similar_size_is_not_asked_for(factor):
+    assert questions(factor * RESPONSE, RESPONSE) == ""
+
+
+@pytest.mark.parametrize(
+    ("modelled", "said"),
+    [
+        (1e-3 * RESPONSE, "is 0.001 times the measured one. Are all units right"),
+        (9.81 * RESPONSE, "is 9.8 times the measured one"),
+        (-RESPONSE, "the sign reversed"),
+        (np.roll(RESPONSE, 217), "moved 2.17 s ahead"),
+        (PEAK * np.sin(2.0 * np.pi * 6.0 * TIME), "mainly at 6 Hz, the measured one at 1.5 Hz"),
+    ],
+)
+def test_what_is_asked_for(modelled, said):
+    assert said in questions(modelled, RESPONSE)
+
+
+@pytest.fixture(scope="module")
+def measured():
+    record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 7.0).scale_to_pga(2.0)
+    model = si.BoucWen(mass=12_000.0, damping_ratio=0.03, beta=60.0, alpha=0.06, free=("stiffness", "gamma_ratio"))
+    y = model.simulate(np.array([[7.2e6, 0.4]]), record).values[0, :, 0]
+    return model, record, y + 0.05 * y.std() * np.random.default_rng(1).normal(size=y.shape)
+
+
+def priors(stiffness):
+    return si.ParameterSpace(
+        stiffness=si.LogNormal(stiffness, 0.1 * stiffness, unit="kN/mm"), gamma_ratio=si.Uniform(-1.0, 1.0)
+    )
+
+
+@pytest.mark.parametrize(("stiffness", "scale"), [(7400.0, 1.0), (7.4, 1e3)], ids=["prior", "measurement"])
+def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale):
+    """Every figure may be certified, since the surrogate is that of the model: only the units are wrong."""
+    model, record, y = measured
+    with pytest.warns(StructidWarning, match="times the measured one. Are all units right"):
+        found = si.calibrate(model, priors(stiffness), si.Observation(record, scale * y), seed=1, true_runs=60)
+    verdict = found.verdict()
+    assert verdict.another_size and "times the measured peak: are the units" in verdict.wrong_model[0]
+    assert "damped_cosine" not in str(verdict)  # no law of errors mends a unit
+
+
+def test_a_right_calibration_asks_for_nothing(measured, recwarn):
+    model, record, y = measured
+    found = si.calibrate(model, priors(7.4), si.Observation(record, y), seed=1, true_runs=60)
+    assert not [w for w in recwarn if issubclass(w.category, StructidWarning)]
+    assert found.certified and not found.verdict().another_size and not found.verdict().wrong_model
