@@ -54,6 +54,10 @@ def test_hertz_is_not_radians():
     assert units.factor("Hz") == 1.0
 
 
+def test_labels_have_no_brackets_around_a_single_unit():
+    assert units.label("sigma2", "(m)^2") == "sigma2 [m^2]" and units.label("sigma2", "(m/s)^2") == "sigma2 [(m/s)^2]"
+
+
 def test_a_kilonewton_is_no_knot():
     for text in ("50 kn", "7.6 kn/mm"):
         with pytest.raises(InputError, match="kN"):
@@ -67,6 +71,7 @@ def test_a_kilonewton_is_no_knot():
         ("10 kN", "kg", "a weight"),
         ("3 %", "N*s/m", "damping_ratio"),
         ("130 1/m", "1/m^2", "the numbers change too"),
+        ("130 1/m", "", r"a plain number, without a unit.*where the exponent n is not known"),
         ("10 s", "kg", "Correct the unit"),
     ],
 )

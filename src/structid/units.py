@@ -13,6 +13,7 @@ STANDARD_GRAVITY = 9.80665
 
 MIXED_UP = (
     ("N", "kg", "This is a weight: divide it by g = 9.81 m/s², 10 kN are 1.02 t."),
+    ("1/m", "", "What is in m^-n, as beta and gamma are, has plain numbers in SI where the exponent n is not known."),
     ("", "N*s/m", "A share of the critical damping is a damping_ratio."),
     (
         "1/m",
@@ -208,9 +209,8 @@ def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
     """
     if not same_dimension(unit, like):
         said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
-        raise InputError(
-            where, said, f"a unit that measures the same as '{like or 'a pure number'}'", _mixed_up(unit, like)
-        )
+        allowed = f"a unit that measures the same as '{like}'" if like else "a plain number, without a unit"
+        raise InputError(where, said, allowed, _mixed_up(unit, like))
     return factor(unit)
 
 
@@ -296,4 +296,5 @@ def label(name: str, unit: str) -> str:
     str
         The label.
     """
-    return f"{name} [{unit}]" if unit not in ("", "-", "1") else name
+    plain = re.sub(r"^\((\w+)\)\^", r"\1^", unit)  # (m)^2
+    return f"{name} [{plain}]" if unit not in ("", "-", "1") else name

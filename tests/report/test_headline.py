@@ -16,7 +16,7 @@ SPACE = si.ParameterSpace(
 
 def material(
     draws=None, elsewhere=None, truth=None, converged=True, wrong_model=(), wrong_law=(), against_priors=(),
-    certificate=None, surrogate=None, cost=None,
+    certificate=None, surrogate=None, cost=None, another_size=False,
 ):  # fmt: skip
     """What a calibration leaves, as far as the first screen looks at it; numbers in display units."""
     rng = np.random.default_rng(1)
@@ -32,6 +32,7 @@ def material(
         wrong_law=wrong_law,
         against_priors=against_priors,
         unexplained=0.01,
+        another_size=another_size,
     )
     return SimpleNamespace(
         result=SimpleNamespace(verdict=lambda: verdict, cost=cost),
@@ -96,6 +97,11 @@ def test_a_wrong_model_has_intervals_for_another_record():
     assert alpha.elsewhere is not None and beta.elsewhere is None and beta.honest == beta.interval
     assert "Do not take these parameters" in found.further[0] and "another record" in found.further[1]
     assert "for another record" in str(found)
+
+
+def test_units_come_before_the_model():
+    found = headline(material(wrong_model=("It has 0.001 times the measured peak.",), another_size=True))
+    assert "Look at the units" in found.further[0] and not any("what it lacks" in said for said in found.further)
 
 
 def test_an_interval_for_another_record_stays_inside_the_prior():

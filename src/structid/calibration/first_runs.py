@@ -48,23 +48,25 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: TrueRuns) -> None:
-    """Warn of what the first run nearest to the priors' medians shows beside the measurements: a wrong unit, sign or clock.
+    """Warn of what all first runs show beside the measurements: a wrong unit, sign or clock.
 
     Parameters
     ----------
     true : TrueRuns
         With the first runs.
     """
-    if not true.finished.any():
-        return
     from_medians = np.abs(true.space.cdf(true.points) - 0.5).max(axis=1)
-    place = int(np.argmin(np.where(true.finished, from_medians, np.inf)))
-    for observation, response in zip(true.observations, true.responses(slice(place, place + 1)), strict=True):
-        histories = dict(zip(true.model.channels, response[0].T, strict=True))
-        for pair in SideBySide.of(histories, true.model.channel_units, observation):
-            for question in pair.questions:
-                said = f"{question} The run of the first design that is nearest to the priors' medians shows it."
-                warnings.warn(said, StructidWarning, stacklevel=5)
+    places = np.flatnonzero(true.finished)
+    for observation, responses in zip(true.observations, true.responses(), strict=True):
+        asked: list[dict[tuple[str, str], str]] = []
+        for place in places[np.argsort(from_medians[places])]:
+            histories = dict(zip(true.model.channels, responses[place].T, strict=True))
+            pairs = SideBySide.of(histories, true.model.channel_units, observation)
+            asked.append({(pair.channel, kind): said for pair in pairs for kind, said in pair.questions.items()})
+        for what, question in asked[0].items() if asked else ():
+            if all(what in others for others in asked):
+                nearest = f"All of the first {len(asked)} runs say so; these figures are of that nearest to the priors' medians."
+                warnings.warn(f"{question} {nearest}", StructidWarning, stacklevel=5)
 
 
 def _fit_for_a_surrogate(true: TrueRuns, settings: SurrogateSettings) -> bool:

@@ -105,7 +105,7 @@ def plausibility(study: BuiltStudy) -> Plausibility:
         compared.append(pairs)
         for pair in pairs:
             said.append(f"At the priors' medians the {pair.sentence}")
-            questions += pair.questions
+            questions += pair.questions.values()
     return Plausibility(tuple(said), tuple(questions), tuple(compared))
 
 

@@ -18,7 +18,7 @@ def questions(modelled, measured):
 
     observation = si.Observation(RECORD, measured, channels=("displacement",))
     (pair,) = SideBySide.of({"displacement": modelled}, {"displacement": standard_unit("displacement")}, observation)
-    return " ".join(pair.questions)
+    return " ".join(pair.questions.values())
 
 
 @pytest.mark.parametrize("factor", [0.3, 1.0, 3.0])
@@ -63,6 +63,19 @@ def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale)
     verdict = found.verdict()
     assert verdict.another_size and "times the measured peak: are the units" in verdict.wrong_model[0]
     assert "damped_cosine" not in str(verdict)  # no law of errors mends a unit
+
+
+def test_wide_priors_are_no_mistake(measured, recwarn):
+    """Runs of half the prior are more than eight times too small: the others are not."""
+    model, record, y = measured
+    space = si.ParameterSpace(
+        stiffness=si.LogNormal(log_mean=float(np.log(40.0)), log_sd=1.5, unit="kN/mm"),
+        gamma_ratio=si.Uniform(-1.0, 1.0),
+    )
+    si.calibrate(model, space, si.Observation(record, y), seed=1, true_runs=60)
+    assert not [
+        w for w in recwarn if issubclass(w.category, StructidWarning) and "times the measured" in str(w.message)
+    ]
 
 
 def test_a_right_calibration_asks_for_nothing(measured, recwarn):

@@ -97,46 +97,70 @@ class SideBySide:
         return f"model's {self.channel} reaches {shown[0]}, the measured one {shown[1]}."
 
     @property
-    def questions(self) -> list[str]:
-        """What does not fit."""
-        found = []
-        if not comparable(*self._peaks):
-            found.append(
-                f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
-                "right, and a number without a unit in SI?"
-            )
-        low, high = sorted(self._frequencies)
-        if high > OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
-            found.append(
-                f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
-                f"{self._frequencies[1]:.2g} Hz. Are mass and stiffness in the units you mean?"
-            )
-        mean, spread = float(self.measured.mean()), float(self.measured.std())
-        if abs(mean) > OFFSET * spread and self.observation.offset is None:
-            found.append(
-                f"The measured {self.channel} has a mean of {mean / factor(self.unit):.3g} {self.unit}, {abs(mean) / spread:.1f} "
-                "times its standard deviation. Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
-            )
-        together = np.corrcoef(self.modelled, self.measured)[0, 1] if spread and self.modelled.std() else 0.0
-        if together < OPPOSITE:
-            found.append(
-                f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
-                "the instrument's positive direction that of the record?"
-            )
-        return found + self._shift_questions()
+    def questions(self) -> dict[str, str]:
+        """What does not fit, a sentence for each kind: size, frequency, offset, sign, clock."""
+        asked = {
+            "size": self._of_size,
+            "frequency": self._of_frequency,
+            "offset": self._of_offset,
+            "sign": self._of_sign,
+            "clock": self._of_clock,
+        }
+        return {kind: sentence for kind, sentence in asked.items() if sentence}
 
-    def _shift_questions(self) -> list[str]:
+    @property
+    def _of_size(self) -> str:
+        if comparable(*self._peaks):
+            return ""
+        return (
+            f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
+            "right, and a number without a unit in SI?"
+        )
+
+    @property
+    def _of_frequency(self) -> str:
+        low, high = sorted(self._frequencies)
+        if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
+            return ""
+        return (
+            f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
+            f"{self._frequencies[1]:.2g} Hz. Are mass and stiffness in the units you mean?"
+        )
+
+    @property
+    def _of_offset(self) -> str:
+        mean, spread = float(self.measured.mean()), float(self.measured.std())
+        if abs(mean) <= OFFSET * spread or self.observation.offset is not None:
+            return ""
+        return (
+            f"The measured {self.channel} has a mean of {mean / factor(self.unit):.3g} {self.unit}, {abs(mean) / spread:.1f} "
+            "times its standard deviation. Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
+        )
+
+    @property
+    def _of_sign(self) -> str:
+        moving = bool(self.measured.std() and self.modelled.std())
+        together = np.corrcoef(self.modelled, self.measured)[0, 1] if moving else 0.0
+        if together >= OPPOSITE:
+            return ""
+        return (
+            f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
+            "the instrument's positive direction that of the record?"
+        )
+
+    @property
+    def _of_clock(self) -> str:
         """Whether model and measurement are alike after a shift in time, and not without."""
         shift, shifted, together = _best_shift(self.modelled, self.measured)
         if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
-            return []
+            return ""
         seconds = shift * self.record.dt
-        return [
+        return (
             f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
             f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
             f"'time_shift' says what it shows then: {abs(seconds):.3g} s {'more' if seconds > 0 else 'less'} than now, or a prior "
             "about that."
-        ]
+        )
 
 
 def comparable(one: float, other: float) -> bool:

@@ -48,7 +48,7 @@ def _words(material: PosteriorMaterial) -> list[str]:
     return [
         *words,
         f"On the measured record, the measured peak is {', '.join(ratios)} times the predicted one. One record does not tell if "
-        "other peaks are off by as much. The bands of the peaks allow for none of it and for all of it.",
+        "other peaks are off by as much. The bands of the peaks reach from no such error to the whole of it.",
     ]
 
 
