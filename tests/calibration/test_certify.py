@@ -411,3 +411,14 @@ def test_draws_in_another_unit_are_asked_for(told):
     assert "are they in SI" in str(found) and "of b" in found.reasons[0]
     right = si.certify(target, some + 999.0 * TRUTH, normal(1e3 * TRUTH))
     assert right.certified, str(right)
+
+
+def test_errors_far_smaller_than_their_prior_are_no_wrong_unit(measured, space):
+    """Noise of 0.01 % of the peak: its variance is nine standard deviations from the middle of the prior, by logits."""
+    model, observation = measured
+    clean = model.simulate(np.array([[7.2e6, 0.4]]), observation.record).values[0, :, 0]
+    noise = 1e-4 * np.abs(clean).max() * np.random.default_rng(1).normal(size=clean.shape)
+    posterior = si.Posterior(space, model, si.Observation(observation.record, clean + noise))
+    result = si.sample(posterior, si.SMC(particles=400, steps=40), seed=1)
+    found = si.certify(posterior, result, seed=1)
+    assert found.certified, str(found)

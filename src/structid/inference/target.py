@@ -54,6 +54,11 @@ class Target(ABC):
         """Places of the other parameters, which tables and figures show."""
         return [place for place, name in enumerate(self.names) if name not in self.hidden]
 
+    @cached_property
+    def own(self) -> list[int]:
+        """Places of the parameters that a user has named; those of a law of errors are not among them."""
+        return list(range(self.dimension))
+
     @property
     def variances(self) -> frozenset[str]:
         """Parameters that are variances of errors."""

@@ -79,7 +79,7 @@ class Posterior(Target):
         self.likelihood = JointLikelihood(space, model, self.observations, law, map=map, model_error=model_error)
         self.law, self.space = self.likelihood.law, self.likelihood.space
         self.discrepancy = self.law.added
-        self.names = self.space.names
+        self.names, self.own = self.space.names, list(range(space.dimension))
         self.bijection = self.likelihood.bijection
 
     def _check(self, refuse_unfit: bool) -> None:
