@@ -59,6 +59,13 @@ def test_all_parts_are_in_the_sum(tmp_path):
     assert "drift" not in str(estimate(written(tmp_path, SMALL)))
 
 
+def test_what_an_unknown_clock_costs_is_said(tmp_path):
+    prior = 'time_shift = { distribution = "normal", unit = "s", mean = 0, sd = 0.02 }'
+    asked = SMALL.replace("[observation]\n", f"[observation]\n{prior}\n", 1)
+    assert asked != SMALL and "a run takes about ten times as long" in str(estimate(written(tmp_path, asked)))
+    assert "time_shift" not in str(estimate(written(tmp_path, SMALL)))
+
+
 def test_parts_are_said_in_words():
     cost = Cost((Part("Campaign", 2.5, 1000), Part("Predictions, figures and page", 200.0)), 50)
     assert str(cost).splitlines() == [

@@ -70,6 +70,8 @@ class Cost:
         What sampling takes instead, if the data choose parameters that drift.
     longest : float or None
         In all, if a certified calibration uses its whole budget [s].
+    clock_is_inferred : bool
+        Whether a time_shift is unknown, so that the model itself runs outside the compiled lanes.
     """
 
     parts: tuple[Part, ...]
@@ -77,6 +79,7 @@ class Cost:
     plan: Plan | None = None
     otherwise: Part | None = None
     longest: float | None = None
+    clock_is_inferred: bool = False
 
     @property
     def seconds(self) -> float:
@@ -99,6 +102,10 @@ class Cost:
             lines.append(
                 f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
                 'first look: kind = "iid" in [discrepancy].'
+            )
+        if self.clock_is_inferred:
+            lines.append(
+                "With a prior of time_shift a run takes about ten times as long. For a first look, give it a number."
             )
         if self.plan is not None and self._each < CHEAP:
             lines.append(
@@ -199,7 +206,16 @@ def estimate(study: BuiltStudy) -> Cost:
             parts.append(Part("Records of rising strength", again * each, again))
         parts += _other_records(study, each)
         parts.append(Part("Predictions, figures and page", PAGE))
-    return Cost(tuple(parts), batch, study.plan, otherwise, _sum(parts) + more if more else None)
+    longest = _sum(parts) + more if more else None
+    return Cost(tuple(parts), batch, study.plan, otherwise, longest, _clock_is_inferred(study))
+
+
+def _clock_is_inferred(study: BuiltStudy) -> bool:
+    """Whether the model itself is sampled with an unknown clock."""
+    posterior = study.posterior
+    if posterior is None or not posterior.model.traceable or study.file.surrogate.kind != "none":
+        return False
+    return any(observation.time_shift is not None for observation in posterior.observations)
 
 
 def _true_runs(study: BuiltStudy) -> int:
