@@ -67,15 +67,6 @@ def test_it_is_certified_and_equals_the_model_s_own_posterior(calibrated, refere
     assert "CERTIFIED" in told and "round 1: surrogate of 10 runs" in told and "stiffness" in told
 
 
-def test_what_it_says_is_what_its_draws_say(calibrated, tmp_path):
-    xarray = pytest.importorskip("xarray")
-    result, _ = calibrated
-    assert result.certified and result.verdict() is result.sampling.verdict()
-    np.testing.assert_allclose(result.draws.reshape(-1, 3).mean(axis=0), result.mean, rtol=1e-12)
-    with xarray.open_dataset(result.to_netcdf(tmp_path / "draws.nc", predictions=False), group="posterior") as stored:
-        assert float(stored["stiffness"].mean()) == pytest.approx(result.mean[0], rel=1e-12)
-
-
 def test_the_rounds_get_better(calibrated):
     result, _ = calibrated
     exponents = [r.exponent for r in result.rounds]

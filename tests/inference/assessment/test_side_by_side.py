@@ -78,8 +78,12 @@ def test_wide_priors_are_no_mistake(measured, recwarn):
     ]
 
 
-def test_a_right_calibration_asks_for_nothing(measured, recwarn):
+def test_a_right_calibration_asks_for_nothing(measured, recwarn, tmp_path):
+    xarray = pytest.importorskip("xarray")
     model, record, y = measured
     found = si.calibrate(model, priors(7.4), si.Observation(record, y), seed=1, true_runs=60)
     assert not [w for w in recwarn if issubclass(w.category, StructidWarning)]
     assert found.certified and not found.verdict().another_size and not found.verdict().wrong_model
+    np.testing.assert_allclose(found.draws.reshape(-1, 3).mean(axis=0), found.mean, rtol=1e-12)
+    with xarray.open_dataset(found.to_netcdf(tmp_path / "draws.nc", predictions=False), group="posterior") as stored:
+        assert float(stored["stiffness"].mean()) == pytest.approx(found.mean[0], rel=1e-12)
