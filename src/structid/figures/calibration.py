@@ -178,6 +178,7 @@ def ratios_over_parameters(
         for marker, some in (("^", beyond & (above > 0.0)), ("v", beyond & (above < 0.0))):
             axis.plot(values[ran][some], np.clip(above[some], -edge, edge), marker, ms=4.5, mew=0, color=ACCENT)
         axis.set_ylim(-1.15 * edge, 1.15 * edge)
+        axis.locator_params(axis="x", nbins=3)
         for failed in values[~ran]:
             axis.axvline(failed, color=MODEL, lw=0.8, ls=":")
         axis.set_xlabel(name)
