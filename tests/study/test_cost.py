@@ -104,6 +104,9 @@ def test_a_sampler_of_too_few_walkers_is_not_taken_for_values_at_knots(tmp_path)
     assert sampler_under(many, drifting) == many.sampler
     none = written(tmp_path, without_sampler(AUTO))
     assert sampler_under(none, drifting) is WITH_HIDDEN_VALUES
+    as_it_comes = written(tmp_path, without_sampler(AUTO) + '\n[sampler]\nkind = "smc"\n')
+    assert sampler_under(as_it_comes, drifting) is WITH_HIDDEN_VALUES
+    assert sampler_under(as_it_comes, study.posterior) == si.SMC()
     assert sampler_under(none, study.posterior.on(law=laws[2])) is FOR_CORRELATED_ERRORS
     assert sampler_under(none, study.posterior) == none.sampler
     assert np.isfinite(estimate(none).otherwise.seconds)

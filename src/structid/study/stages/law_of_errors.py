@@ -55,7 +55,8 @@ def with_law(found: Findings, choice: LawChoice) -> Findings:
     assert found.true_posterior is not None
     posterior = study.sampled.on(law=law)
     sampler = sampler_under(study, posterior)
-    another = sampler is WITH_HIDDEN_VALUES and "sampler" in study.file.model_fields_set
+    named = "sampler" in study.file.model_fields_set
+    another = sampler is WITH_HIDDEN_VALUES and named and _too_few(build_sampler(study.file.sampler), posterior)
     return replace(
         found,
         law_choice=replace(choice, remark=_remark(study, posterior) if another else ""),
@@ -77,15 +78,19 @@ def sampler_under(study: BuiltStudy, posterior: Posterior) -> Sampler:
     Returns
     -------
     Sampler
-        The study's, if it names one that has enough walkers. Else `WITH_HIDDEN_VALUES` or `FOR_CORRELATED_ERRORS`.
+        The study's, if it names one that has enough walkers. Else `WITH_HIDDEN_VALUES` or `FOR_CORRELATED_ERRORS`. An SMC as it
+        comes is none that was chosen for values at knots: six times the particles and moves, which do not make it converge.
     """
     own = study.sampler if study.sampler.exact else build_sampler(study.file.sampler)
     named = "sampler" in study.file.model_fields_set
-    if named and not (posterior.law.inside and own.interacting and own.walkers < 2 * posterior.dimension):
-        return own
     if posterior.law.inside:
-        return WITH_HIDDEN_VALUES
-    return own if posterior.law.added.independent else FOR_CORRELATED_ERRORS
+        return own if named and own != SMC() and not _too_few(own, posterior) else WITH_HIDDEN_VALUES
+    return own if named or posterior.law.added.independent else FOR_CORRELATED_ERRORS
+
+
+def _too_few(own: Sampler, posterior: Posterior) -> bool:
+    """Whether a sampler's walkers cannot span the values at the knots."""
+    return own.interacting and own.walkers < 2 * posterior.dimension
 
 
 def _remark(study: BuiltStudy, posterior: Posterior) -> str:
