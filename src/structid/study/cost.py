@@ -206,8 +206,8 @@ def estimate(study: BuiltStudy) -> Cost:
             parts.append(Part("Records of rising strength", again * each, again))
         parts += _other_records(study, each)
         parts.append(Part("Predictions, figures and page", PAGE))
-    longest = _sum(parts) + more if more else None
-    return Cost(tuple(parts), batch, study.plan, otherwise, longest, _clock_is_inferred(study))
+    at_most = _sum(parts) + more if more else None
+    return Cost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
 
 
 def _clock_is_inferred(study: BuiltStudy) -> bool:
