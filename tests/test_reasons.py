@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.reasons import counted_reasons, general_reason
+from structid.reasons import counted_reasons, general_reason, grouped_reasons
 
 
 @pytest.mark.parametrize(
@@ -24,3 +24,12 @@ def test_reasons_beyond_the_first_ten_are_counted():
     assert lines[0].split() == ["20", "x", "reason", "0"] and len(lines) == 11
     assert "27 for 3 more reasons" in lines[-1] and "--failed" in lines[-1]
     assert len(counted_reasons(failures[:10])) == 10
+
+
+def test_what_all_say_alike_is_said_in_full():
+    alike = [
+        "it returned 393 rows; wanted 400 rows of v2 [kept: /tmp/x/run-1]",
+        "it returned 393 rows; wanted 400 rows of v2",
+    ]
+    apart = [f"not finite from {t} s on" for t in (1.2, 3.4, 5.6)]
+    assert grouped_reasons([*alike, "", *apart]) == [("not finite from … s on", 3), (alike[1], 2)]

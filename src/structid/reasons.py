@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 _LAST_SAID = "; it last said: "
 _PLACE = re.compile(r" \[kept: [^\]]*\]")
@@ -34,6 +34,26 @@ def counted_reasons(failures: Sequence[tuple[str, int]]) -> list[str]:
     if runs:
         lines.append(f"  {runs:6d} for {len(failures) - SHOWN} more reasons: see .failures, or structid runs --failed")
     return lines
+
+
+def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
+    """Count reasons that differ in numbers and paths alone as one.
+
+    Parameters
+    ----------
+    reasons : iterable of str
+        Of single runs; empty where none failed.
+
+    Returns
+    -------
+    list of tuple of str and int
+        The most frequent first: in its own words where all are the same, else with … for what differs.
+    """
+    groups: dict[str, list[str]] = {}
+    for reason in filter(None, reasons):
+        groups.setdefault(general_reason(reason), []).append(short_reason(_PLACE.sub("", reason)))
+    said = [(same[0] if len(set(same)) == 1 else general, len(same)) for general, same in groups.items()]
+    return sorted(said, key=lambda one: -one[1])
 
 
 def with_words(how: str, words: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
 from structid.notebook import ShownAsText
 from structid.probability.designs import Design
-from structid.reasons import counted_reasons, general_reason
+from structid.reasons import counted_reasons, grouped_reasons
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -187,8 +186,8 @@ class Runs(ShownAsText):
 
     @property
     def failures(self) -> list[tuple[str, int]]:
-        """Reasons of failure without their numbers, each with its number of runs, the most common first."""
-        return Counter(general_reason(r) for r in self.reasons if r).most_common()
+        """Reasons of failure, those that differ in numbers alone as one, each with its number of runs; the most common first."""
+        return grouped_reasons(self.reasons)
 
     @property
     def rate(self) -> float:
