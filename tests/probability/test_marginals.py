@@ -109,3 +109,10 @@ def test_bad_marginals_are_refused(make):
 def test_a_truncation_to_nothing_says_so():
     with pytest.raises(InputError, match=r"holds .* of the distribution with mean 7.42"):
         si.Normal(7.42, 0.1, low=9.0)
+
+
+def test_a_prior_is_printed_as_it_was_given():
+    """NumPyro's words for it, a location and a scale of the logarithm, have no unit kN/mm."""
+    assert str(si.LogNormal(7.4, 0.7, unit="kN/mm")) == "LogNormal(mean 7.4, sd 0.7) kN/mm"
+    assert str(si.Normal(7.4, 0.7, low=5.0, unit="kN/mm")) == "Normal(mean 7.4, sd 0.7), truncated to [5, ∞) kN/mm"
+    assert str(si.Uniform(1.0, 2.0)) == "Uniform(low 1, high 2)"

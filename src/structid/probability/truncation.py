@@ -288,7 +288,10 @@ class Marginal:
         return cls(plain["family"], base, numpyro_name, parameters, plain["low"], plain["high"], plain["unit"])
 
     def __str__(self) -> str:
-        inside = ", ".join(f"{k} {v:.6g}" for k, v in self.numpyro_parameters.items())
+        # In the words of the user, before a truncation; NumPyro has a location and a scale of the logarithm, or a rate.
+        moments = {"mean": self.base.mean(), "sd": self.base.std()}
+        own = self.numpyro_parameters if self.family == "Uniform" else moments
+        inside = ", ".join(f"{k} {v:.6g}" for k, v in own.items())
         cut = ""
         if self.family != "Uniform" and np.isfinite([self.low, self.high]).any():
             cut = f", truncated to [{self.low:g}, {self.high:g}]".replace("[-inf, ", "(−∞, ").replace(", inf]", ", ∞)")
