@@ -126,7 +126,23 @@ def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]
     exponent = given.get("exponent")
     if any(n.startswith("exponent") for n in unknown) or isinstance(exponent, tuple):
         return ""  # a plain number in SI
-    return "1/m" if exponent in (None, 1.0) else f"1/m^{exponent:g}"
+    return unit_of_shape(1.0 if exponent is None else exponent)
+
+
+def unit_of_shape(exponent: float) -> str:
+    """SI unit of β and γ with a known exponent.
+
+    Parameters
+    ----------
+    exponent : float
+        n.
+
+    Returns
+    -------
+    str
+        That of m⁻ⁿ.
+    """
+    return "1/m" if exponent == 1.0 else f"1/m^{exponent:g}"
 
 
 def refuse_units_of_shapes(table: Any) -> Any:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from structid.errors import InputError, StructidWarning
-from structid.models.hysteretic_parameters import PARAMETER_UNITS
+from structid.models.hysteretic_parameters import PARAMETER_UNITS, unit_of_shape
 from structid.probability.space import ParameterSpace
 from structid.units import check_power_of_length, factor, factor_of
 
@@ -114,7 +114,7 @@ def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
     """Refuse another unit of β or γ than m⁻ⁿ: 1/mm would make them 1000 times as large, where it is a million for n = 2."""
     where = f"unit of the prior of '{name}'"
     if exponent is not None:
-        factor_of(own, f"1/m^{exponent:g}", where)
+        factor_of(own, unit_of_shape(exponent), where)
         return
     check_power_of_length(own, where)
     if factor(own) != 1.0:
