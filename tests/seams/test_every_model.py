@@ -169,7 +169,7 @@ class TestEveryModel:
         [
             (lambda m, s, record: m.simulate(np.ones((2, 5)), record), r"shape \(2, 5\)"),
             (lambda m, s, record: m.simulate(np.ones((0, len(m.free))), record), "no runs"),
-            (lambda m, s, record: m.simulate(s.sample(2, seed=1), record.values), "as the excitation"),
+            (lambda m, s, record: m.simulate(s.sample(2, seed=1), record.values), r"simulate\(excitation\): an array"),
             (lambda m, s, record: m.simulate(s.sample(3, seed=1), [record, record]), "2 excitations for 3 runs"),
             (
                 lambda m, s, record: m.simulate(s.sample(2, seed=1), [record, replace(record, values=record.values[:99])]),

@@ -344,7 +344,7 @@ def test_the_last_velocity_of_an_imposed_displacement():
 
 def test_wrong_excitations_and_empty_designs_are_refused(short_record):
     model = si.BoucWen(**DEGRADING)
-    with pytest.raises(InputError, match="ndarray as the excitation"):
+    with pytest.raises(InputError, match=r"simulate\(excitation\): an array"):
         model.simulate(NOTHING_FREE, short_record.values)
     with pytest.raises(InputError, match="no runs"):
         model.simulate(np.zeros((0, 0)), short_record)

@@ -419,13 +419,7 @@ class Model(ABC):
 
 
 def _one_for_each_run(excitations: Sequence[Excitation], runs: int) -> list[Excitation]:
-    given = list(excitations) if isinstance(excitations, (list, tuple)) else []
-    if not given or not all(isinstance(e, Excitation) for e in given):
-        raise InputError(
-            "simulate",
-            f"a {type(excitations).__name__} as the excitation",
-            "a GroundMotion, ForceHistory, …, or a list of them",
-        )
+    given = list(excitations)
     if len(given) != runs:
         raise InputError("simulate", f"{len(given)} excitations for {runs} runs", "one for all, or one for each run")
     if len({(len(e), e.dt) for e in given}) > 1:
