@@ -165,10 +165,15 @@ def _kinds(annotation: str) -> tuple[list[str], bool] | None:
 def _refuse_another_kind(where: str, value: Any, kinds: list[str], several: bool) -> None:
     for one in value if several and isinstance(value, (list, tuple)) else [value]:
         if not any(hasattr(one, KINDS[kind][0]) for kind in kinds):
-            kind = type(one).__name__
-            came = f"the text '{one}'" if isinstance(one, str) else f"{'an' if kind[0] in 'AEIOaeio' else 'a'} {kind}"
-            came = "an array" if kind == "ndarray" else came
-            raise InputError(where, came, " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))
+            raise InputError(where, _in_words(one), " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))
+
+
+def _in_words(value: Any) -> str:
+    """What came, with an article."""
+    if isinstance(value, str):
+        return f"the text '{value}'"
+    name = "array" if type(value).__name__ == "ndarray" else type(value).__name__
+    return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"
 
 
 @contextmanager

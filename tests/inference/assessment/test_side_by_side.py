@@ -65,6 +65,24 @@ def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale)
     assert "damped_cosine" not in str(verdict)  # no law of errors mends a unit
 
 
+@pytest.mark.parametrize(
+    ("unexplained", "peak", "asked"),
+    [
+        (1.0, 1e-3, True),
+        (1e6, 1e3, True),
+        (1.0, 0.0, True),
+        (0.1, 0.9, False),
+        (0.9, 0.5, False),
+        (np.inf, np.nan, False),
+    ],
+)
+def test_which_best_prediction_is_of_another_size(unexplained, peak, asked):
+    """A run that failed has no size."""
+    from structid.inference.assessment.best_prediction import BestPrediction
+
+    assert BestPrediction(unexplained, peak).of_another_size is asked
+
+
 def test_wide_priors_are_no_mistake(measured, recwarn):
     """Runs of half the prior are more than eight times too small: the others are not."""
     model, record, y = measured

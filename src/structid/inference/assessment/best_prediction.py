@@ -30,7 +30,8 @@ class BestPrediction(NamedTuple):
     @property
     def of_another_size(self) -> bool:
         """Whether it is so much smaller or larger than the measurement that a unit is probably wrong; never where it fits."""
-        return self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
+        known = bool(np.isfinite(self.peak))  # there is none where the run failed
+        return known and self.unexplained > UNEXPLAINED_LIMIT and not comparable(self.peak, 1.0)
 
 
 UNMEASURED = BestPrediction(float("nan"), float("nan"))
