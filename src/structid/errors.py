@@ -127,7 +127,9 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
     kinds = {n: found for n, p in parameters.items() if (found := _kinds(str(p.annotation)))}
     in_order = tuple(every)
     needed = [
-        name for name, p in every.items() if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+        name
+        for name, p in parameters.items()
+        if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
     ]
 
     @functools.wraps(function)
@@ -140,10 +142,8 @@ def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
                 )
         missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
         if missing:
-            wanted = ", ".join(name for name in needed if name in parameters)
-            raise InputError(
-                called, f"{' and '.join(missing)} left out", f"{called}({wanted}, …)", f"See help({called})."
-            )
+            wanted = f"{called}({', '.join(needed)}, …)"
+            raise InputError(called, f"{' and '.join(missing)} left out", wanted, f"See help({called}).")
         for name, value in (*zip(in_order, arguments, strict=False), *named.items()):
             if isinstance(value, str) and name in numbers:
                 cure = f"Write it without quotes. help({called}) says in which unit."
@@ -219,6 +219,10 @@ class ConvergenceError(StructidError):
 
 class StructidWarning(UserWarning):
     """Something that the caller should know about. Like any warning, it can be silenced or turned into an error."""
+
+
+class UnlikeMeasuredWarning(StructidWarning):
+    """Runs of a model are not like the measurement: a unit, a sign or a clock is probably wrong."""
 
 
 class Status(IntEnum):

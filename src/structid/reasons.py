@@ -51,7 +51,8 @@ def grouped_reasons(reasons: Iterable[str]) -> list[tuple[str, int]]:
     """
     groups: dict[str, list[str]] = {}
     for reason in filter(None, reasons):
-        groups.setdefault(general_reason(reason), []).append(short_reason(_PLACE.sub("", reason)))
+        plain = _without_place(reason)
+        groups.setdefault(_NUMBER.sub("…", plain), []).append(plain)
     said = [(same[0] if len(set(same)) == 1 else general, len(same)) for general, same in groups.items()]
     return sorted(said, key=lambda one: -one[1])
 
@@ -87,7 +88,12 @@ def general_reason(reason: str) -> str:
     str
         Such as ``"not finite from … s on"``, one line.
     """
-    return _NUMBER.sub("…", short_reason(_PLACE.sub("", reason)))
+    return _NUMBER.sub("…", _without_place(reason))
+
+
+def _without_place(reason: str) -> str:
+    """One line, without the folder that was kept."""
+    return short_reason(_PLACE.sub("", reason))
 
 
 def short_reason(reason: str) -> str:

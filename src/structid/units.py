@@ -296,5 +296,20 @@ def label(name: str, unit: str) -> str:
     str
         The label.
     """
-    plain = re.sub(r"^\((\w+)\)\^", r"\1^", unit)  # (m)^2
-    return f"{name} [{plain}]" if unit not in ("", "-", "1") else name
+    return f"{name} [{unbracketed(unit)}]" if unit not in ("", "-", "1") else name
+
+
+def unbracketed(unit: str) -> str:
+    """Leave out brackets around a single unit.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``"(m)^2"``.
+
+    Returns
+    -------
+    str
+        Such as ``"m^2"``; ``"(m/s)^2"`` stays as it is.
+    """
+    return re.sub(r"\((\w+)\)\^", r"\1^", unit)

@@ -143,10 +143,10 @@ class DrawnLaw(ABC):
         ndarray, shape (chain, draw, parameter)
             Of chains; a single one is cut into parts, and one of walkers that take turns into these.
         """
-        chains = len(self.draws) if len(self.draws) > 1 else PARTS
         if self._walkers > 1:
             length = len(flat) // self._walkers
             return flat[: self._walkers * length].reshape(length, self._walkers, -1).swapaxes(0, 1)
+        chains = len(self.draws) if len(self.draws) > 1 else PARTS
         length = len(flat) // chains
         return flat[: chains * length].reshape(chains, length, -1)
 

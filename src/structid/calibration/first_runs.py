@@ -9,8 +9,9 @@ import numpy as np
 
 from structid.calibration.plan import FEWEST_IN_A_BATCH
 from structid.calibration.true_runs import TrueRuns
-from structid.errors import InputError, StructidWarning
+from structid.errors import InputError, UnlikeMeasuredWarning
 from structid.inference.assessment.side_by_side import SideBySide
+from structid.observation import Observation
 from structid.probability.designs import Design
 from structid.surrogates.face import SurrogateSettings
 
@@ -55,18 +56,27 @@ def warn_of_mistakes(true: TrueRuns) -> None:
     true : TrueRuns
         With the first runs.
     """
-    from_medians = np.abs(true.space.cdf(true.points) - 0.5).max(axis=1)
-    places = np.flatnonzero(true.finished)
+    finished = np.flatnonzero(true.finished)
+    from_medians = np.abs(true.space.cdf(true.points[finished]) - 0.5).max(axis=1)
     for observation, responses in zip(true.observations, true.responses(), strict=True):
-        asked: list[dict[tuple[str, str], str]] = []
-        for place in places[np.argsort(from_medians[places])]:
-            histories = dict(zip(true.model.channels, responses[place].T, strict=True))
-            pairs = SideBySide.of(histories, true.model.channel_units, observation)
-            asked.append({(pair.channel, kind): said for pair in pairs for kind, said in pair.questions.items()})
-        for what, question in asked[0].items() if asked else ():
-            if all(what in others for others in asked):
-                nearest = f"All of the first {len(asked)} runs say so; these figures are of that nearest to the priors' medians."
-                warnings.warn(f"{question} {nearest}", StructidWarning, stacklevel=5)
+        in_turn = (
+            _questions(true, response, observation) for response in responses[finished[np.argsort(from_medians)]]
+        )
+        asked = next(in_turn, {})
+        for others in in_turn if asked else ():
+            asked = {what: question for what, question in asked.items() if what in others}
+        nearest = (
+            f"All of the first {len(finished)} runs say so; these figures are of that nearest to the priors' medians."
+        )
+        for question in asked.values():
+            warnings.warn(f"{question} {nearest}", UnlikeMeasuredWarning, stacklevel=5)
+
+
+def _questions(true: TrueRuns, response: np.ndarray, observation: Observation) -> dict[tuple[str, str], str]:
+    """What does not fit of a response (time, channel), by channel and kind."""
+    histories = dict(zip(true.model.channels, response.T, strict=True))
+    pairs = SideBySide.of(histories, true.model.channel_units, observation)
+    return {(pair.channel, kind): question for pair in pairs for kind, question in pair.questions.items()}
 
 
 def _fit_for_a_surrogate(true: TrueRuns, settings: SurrogateSettings) -> bool:

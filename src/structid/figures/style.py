@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import os
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from structid.notebook import shown_as_pictures
-from structid.units import label
+from structid.units import label, unbracketed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -305,7 +304,7 @@ def pretty_unit(unit: str) -> str:
     str
         Such as ``"(m/s)²"``, and ``"m²"`` for ``"(m)^2"``.
     """
-    return re.sub(r"\((\w+)\)\^", r"\1^", unit).replace("^2", "²").replace("^3", "³").replace("*", "·")
+    return unbracketed(unit).replace("^2", "²").replace("^3", "³").replace("*", "·")
 
 
 def thin(count: int, most: int = 4000) -> slice:

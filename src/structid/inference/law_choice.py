@@ -95,9 +95,7 @@ class LawChoice(ShownAsText):
         }
         best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
         return next(
-            place
-            for place, e in allowed.items()
-            if best.value - e.value <= ERRORS_APART * float(np.hypot(best.error, e.error)) or e is best
+            place for place, e in allowed.items() if (best - e).value <= ERRORS_APART * (best - e).error or e is best
         )
 
     @property
@@ -136,11 +134,10 @@ class LawChoice(ShownAsText):
         if not others:
             return ""
         next_best = max(others, key=lambda place: others[place])
-        ahead = self.evidences[self.chosen].value - others[next_best]
-        if ahead >= 0.0:
-            nats = f"{ahead:.3g}" if ahead < 1000.0 else f"{ahead:,.0f}"
-            error = np.hypot(self.evidences[self.chosen].error, self.evidences[next_best].error)
-            return f", {nats} ± {error:.1f} nats ahead of {self.laws[next_best]}"
+        ahead = self.evidences[self.chosen] - self.evidences[next_best]
+        if ahead.value >= 0.0:
+            nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
+            return f", {nats} ± {ahead.error:.1f} nats ahead of {self.laws[next_best]}"
         return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
 
     def __str__(self) -> str:

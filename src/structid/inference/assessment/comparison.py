@@ -177,8 +177,8 @@ class Comparison(ShownAsText):
         best = self.best
         if one.evidence is None or best.evidence is None:
             return float("nan"), float("nan")
-        error = 0.0 if one is best else float(np.hypot(one.evidence.error, best.evidence.error))
-        return one.evidence.value - best.evidence.value, error
+        between, error = one.evidence - best.evidence
+        return between, 0.0 if one is best else error
 
     @property
     def probabilities(self) -> np.ndarray:

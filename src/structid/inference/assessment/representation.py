@@ -287,7 +287,7 @@ def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
 
 def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
     """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
-    gap, error = second.value - first.value, math.hypot(first.error, second.error)
+    gap, error = second - first
     if abs(gap) <= EVIDENCE + ERRORS * error:
         return []
     missing = (

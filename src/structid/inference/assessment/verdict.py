@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from structid.inference.assessment.best_prediction import BestPrediction
-from structid.inference.assessment.diagnostics import ParameterDiagnostics, effective_sample_size
+from structid.inference.assessment.diagnostics import ParameterDiagnostics, standard_error
 from structid.inference.assessment.prior_warnings import PriorWarning
 from structid.inference.sampling.rest import still_moving
 from structid.notebook import ShownAsText
@@ -213,10 +214,6 @@ def disagreements(names: tuple[str, ...], draws: np.ndarray, beside: np.ndarray)
 
 
 def _errors_apart(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Difference of two means in combined standard errors; each error the larger of two, by sample size and by the ensembles."""
-    variance = 0.0
-    for x in (ours, theirs):
-        of_ensembles = x.mean(axis=(0, 2))
-        by_size = x.var() / max(effective_sample_size(x), 1.0) if np.ptp(x) else 0.0
-        variance += max(by_size, of_ensembles.var(ddof=1) / len(of_ensembles) if len(of_ensembles) > 1 else 0.0)
-    return float(abs(ours.mean() - theirs.mean()) / np.sqrt(variance)) if variance > 0.0 else 0.0
+    """Difference of two means in combined standard errors."""
+    error = math.hypot(standard_error(ours), standard_error(theirs))
+    return float(abs(ours.mean() - theirs.mean()) / error) if error > 0.0 else 0.0

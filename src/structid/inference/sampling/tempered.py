@@ -309,8 +309,8 @@ def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
     """The tempering to believe: the second if it has found more than the first, for what is lost is lacking in the evidence."""
     found = [(stages, _evidence(stages)) for stages in temperings]
     first, last = found[0], found[-1]
-    more = last[1].value - first[1].value
-    return last if more > MORE_BY * np.hypot(first[1].error, last[1].error) else first
+    more, error = last[1] - first[1]
+    return last if more > MORE_BY * error else first
 
 
 def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
-from structid.errors import StructidWarning
+from structid.errors import UnlikeMeasuredWarning
 from structid.inference.law_choice import AUTO
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.stages.stage import Findings, StudyStage, Workplace
@@ -18,7 +18,7 @@ def _run(found: Findings, place: Workplace) -> Findings:
     study, posterior = found.study, found.study.sampled
     with StagesAsTold(place.stage, place.timings) as told, warnings.catch_warnings():
         if study.model.batched:
-            warnings.simplefilter("ignore", StructidWarning)  # asked before the study ran; see `plausibility`
+            warnings.simplefilter("ignore", UnlikeMeasuredWarning)  # asked before the study ran; see `plausibility`
         calibration = calibrate(
             study.model,
             posterior.model_space,
