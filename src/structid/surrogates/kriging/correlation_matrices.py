@@ -1,4 +1,4 @@
-"""Correlation matrices of many points on the host, and sums of their derivatives: compiled once for every design."""
+"""Correlation matrices on the host and sums of their derivatives: NumPy for small designs, compiled code for large ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,13 @@ from jax import lax
 from structid.device import jnp
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.lanes.signals import Signals
-from structid.surrogates.kriging.correlations import correlation_of
+from structid.surrogates.kriging.correlations import correlation_of, slopes_of
+
+LARGEST_CALL = 4_000_000
+"""Correlations in one call."""
+
+SMALL_DESIGN = 120
+"""Points up to which NumPy is quicker than a compiled call, which first has to be compiled for each design."""
 
 
 class CorrelationMatrices:
@@ -66,7 +72,42 @@ class CorrelationMatrices:
         ndarray, shape (point, point)
             R.
         """
+        if len(self._points) <= SMALL_DESIGN:
+            return np.asarray(self.of_several(log_lengths[None])[0])
         return self.with_points(self._points, log_lengths)
+
+    def of_several(self, log_lengths: np.ndarray) -> np.ndarray:
+        """Compute the correlations of the design's points with each other for several sets of lengths at once.
+
+        Parameters
+        ----------
+        log_lengths : ndarray, shape (set, coordinate)
+            Logarithms of the correlation lengths.
+
+        Returns
+        -------
+        ndarray, shape (set, point, point)
+            R of every set.
+        """
+        if len(self._points) <= SMALL_DESIGN:
+            return np.asarray(correlation_of(*self._form, self._scaled(log_lengths)))
+        # One call for several sets: calls of compiled code in a row wait for one another's threads.
+        count = max(1, LARGEST_CALL // len(self._points) ** 2)
+        parts = []
+        for some in (log_lengths[first : first + count] for first in range(0, len(log_lengths), count)):
+            rows = np.concatenate([_rows(self._points, one) for one in some])
+            columns = np.asarray(self._columns(rows, self._points))
+            parts.append(columns.reshape(len(columns), len(some), -1).transpose(1, 0, 2))
+        return np.concatenate(parts)
+
+    def _scaled(self, log_lengths: np.ndarray) -> list[np.ndarray]:
+        """Differences of the design's points in correlation lengths, of each coordinate (set, point, point)."""
+        rates = np.exp(-log_lengths)
+        return [rates[:, j, None, None] * self._differences[j] for j in range(self._points.shape[1])]
+
+    @functools.cached_property
+    def _differences(self) -> list[np.ndarray]:
+        return [column[:, None] - column[None, :] for column in self._points.T]
 
     def gradient(self, log_lengths: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths.
@@ -83,6 +124,10 @@ class CorrelationMatrices:
         ndarray, shape (coordinate,)
             The gradient.
         """
+        if len(self._points) <= SMALL_DESIGN:
+            scaled = self._scaled(log_lengths[None])
+            slopes = slopes_of(*self._form, scaled, correlation_of(*self._form, scaled))
+            return np.array([np.vdot(weights, slope) for slope in slopes])
         slopes = self._gradients(_rows(self._points, log_lengths), self._points, signals=Signals(weights[:, :, None]))
         return np.asarray(slopes.sum(axis=0))
 

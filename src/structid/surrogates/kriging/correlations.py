@@ -1,10 +1,13 @@
-"""Correlation functions of Kriging, ellipsoidal or separable, inside JAX."""
+"""Correlation functions of Kriging, ellipsoidal or separable: on NumPy's arrays and inside JAX."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from structid.array_module import namespace
 from structid.device import jnp
 
 FAMILIES = ("exponential", "matern32", "matern52", "gaussian")
@@ -48,27 +51,71 @@ def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
         The correlation function R.
     separable : bool
         Whether the correlation is a product over the coordinates.
-    scaled : sequence of jax.Array
+    scaled : sequence of array
         Of each coordinate: the differences (aⱼ − bⱼ)/ℓⱼ.
 
     Returns
     -------
-    jax.Array
+    array
         Correlations, in the shape of the differences.
     """
+    xp = namespace(scaled[0])
     if family == "gaussian":
-        return jnp.exp(-0.5 * sum(s * s for s in scaled))
+        return xp.exp(-0.5 * sum(s * s for s in scaled))
     if separable:
         # The polynomials multiply and the exponents add: one exponential for all coordinates.
-        distance = [jnp.abs(s) for s in scaled]
+        distance = [xp.abs(s) for s in scaled]
         product = 1.0
         for h in distance:
             product = product * _polynomial(family, h)
-        return product * jnp.exp(-_RATE[family] * sum(distance))
+        return product * xp.exp(-_RATE[family] * sum(distance))
     square = sum(s * s for s in scaled)
     # The derivative of the square root at 0 is infinite; that of the correlation is not.
-    h = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
-    return _polynomial(family, h) * jnp.exp(-_RATE[family] * h)
+    h = xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
+    return _polynomial(family, h) * xp.exp(-_RATE[family] * h)
+
+
+def slopes_of(family: str, separable: bool, scaled: Sequence[np.ndarray], values: np.ndarray) -> list[np.ndarray]:
+    """Differentiate correlations by the logarithms of the correlation lengths.
+
+    ∂R/∂log ℓⱼ = g(h) sⱼ² R with sⱼ = (aⱼ − bⱼ)/ℓⱼ and h = |sⱼ| if separable, else h = √Σ sⱼ². g is −R′/(h R) of one coordinate:
+    1/h, 3/(1 + √3 h), 5/3 (1 + √5 h)/(1 + √5 h + 5h²/3), or 1.
+
+    Parameters
+    ----------
+    family : {"exponential", "matern32", "matern52", "gaussian"}
+        The correlation function R.
+    separable : bool
+        Whether the correlation is a product over the coordinates.
+    scaled : sequence of ndarray
+        As for `correlation_of`.
+    values : ndarray
+        What `correlation_of` gives.
+
+    Returns
+    -------
+    list of ndarray
+        Of each coordinate.
+    """
+    squares = [s * s for s in scaled]
+    if separable or family == "gaussian":
+        return [square * _relative_slope(family, np.sqrt(square)) * values for square in squares]
+    common = _relative_slope(family, np.sqrt(sum(squares))) * values
+    return [square * common for square in squares]
+
+
+def _relative_slope(family: str, h: np.ndarray) -> Any:
+    """G = −R′(h)/(h R(h)); for the exponential correlation at h = 0, where it is infinite, 0."""
+    if family == "gaussian":
+        return 1.0
+    if family == "exponential":
+        return np.divide(1.0, h, out=np.zeros_like(h), where=h > 0.0)
+    rate = _RATE[family]
+    return (
+        rate**2 / (1.0 + rate * h)
+        if family == "matern32"
+        else rate**2 / 3.0 * (1.0 + rate * h) / _polynomial(family, h)
+    )
 
 
 _RATE = {"exponential": 1.0, "matern32": 3.0**0.5, "matern52": 5.0**0.5}

@@ -121,12 +121,17 @@ class HyperparameterObjective:
         ndarray, shape (point,)
             The objective.
         """
-        return np.array([self(p, gradient=False)[0] for p in parameters.T])
+        matrices = self._correlations.of_several(parameters[: self.lengths].T)
+        return np.array([self._of(p, matrix, False)[0] for p, matrix in zip(parameters.T, matrices, strict=True)])
 
-    def __call__(self, parameters: np.ndarray, gradient: bool = True) -> tuple[float, np.ndarray]:
+    def __call__(self, parameters: np.ndarray) -> tuple[float, np.ndarray]:
         """Evaluate the objective and its gradient by the log lengths and the log nugget."""
+        return self._of(parameters, self.matrix(parameters), True)
+
+    def _of(self, parameters: np.ndarray, matrix: np.ndarray, gradient: bool) -> tuple[float, np.ndarray]:
+        """The objective, and its gradient if it is wanted, from the correlations of the points."""
         try:
-            cholesky, nugget = raised_correlation_cholesky(self.matrix(parameters), self.diagonal(parameters))
+            cholesky, nugget = raised_correlation_cholesky(matrix, self.diagonal(parameters))
             by_matrix = self._likelihood if self.estimation == "ml" else self._cross_validation
             value, weights = by_matrix(cholesky, gradient)
         except np.linalg.LinAlgError:

@@ -177,8 +177,9 @@ def generalised_least_squares(
     tuple of ndarray
         A (run, term), T (term, term), β (term, output) and w (run, output).
     """
-    solved_trend = scipy.linalg.cho_solve((cholesky, True), data.trend)
+    # LAPACK itself: a search calls this thousands of times, and SciPy's checks take longer than the solution of small systems.
+    solved_trend, _ = scipy.linalg.lapack.dpotrs(cholesky, data.trend, lower=1)
     trend_covariance = np.linalg.inv(data.trend.T @ solved_trend)
     coefficients = trend_covariance @ (solved_trend.T @ data.outputs)
-    weights = scipy.linalg.cho_solve((cholesky, True), data.outputs - data.trend @ coefficients)
+    weights, _ = scipy.linalg.lapack.dpotrs(cholesky, data.outputs - data.trend @ coefficients, lower=1)
     return solved_trend, trend_covariance, coefficients, weights

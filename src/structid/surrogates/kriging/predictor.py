@@ -23,7 +23,7 @@ from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.correlations import correlation
-from structid.surrogates.kriging.kriging_system import KrigingFactors
+from structid.surrogates.kriging.kriging_system import SMALLEST_NUGGET, KrigingFactors
 from structid.surrogates.named_arrays import found_under, put_under
 
 PREDICTION_BATCH = 4096
@@ -109,6 +109,9 @@ class KrigingGroup:
     def standard_deviation(self, theta: Any) -> Any:
         """Predict the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
+        The difference is known to `SMALLEST_NUGGET` only. Where runs are noisy and no nugget is given, σ² is so large that
+        this is the variance of the noise; less is never claimed.
+
         Parameters
         ----------
         theta : ndarray or jax.Array, shape (run, parameter)
@@ -124,7 +127,7 @@ class KrigingGroup:
         whitened = linalg.solve_triangular(numpy.asarray(self.factors.cholesky), r.T, lower=True)
         u = r @ self.factors.solved_trend - self.trend.evaluate(theta)
         share = 1.0 - (whitened**2).sum(axis=0) + numpy.einsum("rj,jk,rk->r", u, self.factors.trend_covariance, u)
-        return numpy.sqrt(numpy.maximum(share, 0.0))[:, None] * numpy.sqrt(self.variance)
+        return numpy.sqrt(numpy.maximum(share, SMALLEST_NUGGET))[:, None] * numpy.sqrt(self.variance)
 
     def _correlations(self, theta: Any) -> Any:
         """Correlations with every run, shape (run, training run)."""

@@ -10,7 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.designs import Design
 from structid.streams import Purpose, stream
@@ -33,7 +34,7 @@ LOST = 0.1
 """Share of the sum of squares that may be left when runs are left out, before a search from known lengths is taken for lost."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Kriging:
     """Settings of universal Kriging, f(θ) ≈ f(θ)ᵀβ + σ Z(θ) (thesis eq. 2.42, with σ for its σ²).
