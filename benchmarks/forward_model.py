@@ -110,7 +110,7 @@ def build_opensees(ops: Any, record: si.GroundMotion) -> None:
     ops.uniaxialMaterial("BoucWen", 1, common.ALPHA, common.STIFFNESS, *shape, *rates, 1e-12, 100)
     ops.element("zeroLength", 1, 1, 2, "-mat", 1, "-dir", 1)
     ops.rayleigh(2.0 * common.DAMPING_RATIO * omega, 0.0, 0.0, 0.0)
-    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *record.values.tolist())
+    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *record.values.tolist(), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     ops.constraints("Plain")
     ops.numberer("Plain")

@@ -25,7 +25,7 @@ def displacements(ops: Any) -> np.ndarray:
     omega = np.sqrt(ops.eigen("-fullGenLapack", 2)[0])
     ops.rayleigh(0.0, 0.0, 2.0 * DAMPING_RATIO / omega, 0.0)
     time = np.arange(0.0, (STEPS + 0.5) * DT, DT)
-    ops.timeSeries("Path", 1, "-dt", DT, "-values", *map(float, pulse(time)))
+    ops.timeSeries("Path", 1, "-dt", DT, "-values", *map(float, pulse(time)), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     ops.constraints("Plain")
     ops.numberer("Plain")

@@ -165,7 +165,7 @@ def shaken(ops: Any, base: np.ndarray, dt: float, a_0: float, a_1: float, node: 
         [m].
     """
     ops.wipeAnalysis()
-    ops.timeSeries("Path", 9, "-dt", dt, "-values", *map(float, base))
+    ops.timeSeries("Path", 9, "-dt", dt, "-values", *map(float, base), "-useLast")
     ops.pattern("UniformExcitation", 9, 1, "-accel", 9)
     ops.rayleigh(a_0, 0.0, a_1, 0.0)
     ops.constraints("Plain")

@@ -21,7 +21,7 @@ def respond(parameters, record):
     ops.uniaxialMaterial("BoucWen", 1, alpha, stiffness, 1.0, gamma, beta, 1.0, 0.0, 0.0, 0.0)
     ops.element("zeroLength", 1, 1, 2, "-mat", 1, "-dir", 1)
     ops.rayleigh(2.0 * DAMPING_RATIO * (stiffness / MASS) ** 0.5, 0.0, 0.0, 0.0)
-    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *record.values.tolist())
+    ops.timeSeries("Path", 1, "-dt", record.dt, "-values", *record.values.tolist(), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
 
     ops.system("BandGeneral")

@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import difflib
-import functools
-import inspect
-import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum
-from typing import Any, TypeVar, cast
 
 
 class StructidError(Exception):
@@ -71,109 +67,6 @@ def undamaged(path: object, content: str) -> Iterator[None]:
             f"a file with {content}, as it was written",
             "Take it from a copy. Or remove it: what it holds is then done again.",
         ) from cause
-
-
-T = TypeVar("T", bound=Callable[..., Any])
-
-
-NUMBERS = {"float", "int", "None"}
-"""Annotations in whose place a text is a mistake."""
-
-
-KINDS = {
-    "ParameterSpace": ("marginals", "a structid.ParameterSpace"),
-    "Model": ("simulate", "a model such as structid.BoucWen or structid.CallableModel"),
-    "Target": ("log_density", "a structid.Posterior or structid.LogDensity"),
-    "Posterior": ("observations", "a structid.Posterior"),
-    "Excitation": ("duration", "a structid.GroundMotion, ForceHistory or DisplacementHistory"),
-    "Observation": ("check_new", "a structid.Observation"),
-    "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
-    "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
-    "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
-}
-"""Annotations, something that everything of that kind has, and what to give."""
-
-
-def names_checked(what: T) -> T:
-    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence.
-
-    Parameters
-    ----------
-    what : callable
-        A function; or a class, whose ``__init__`` and public methods are wrapped.
-
-    Returns
-    -------
-    callable
-        The wrapped function, or the same class.
-    """
-    if not isinstance(what, type):
-        return cast(T, _checked(what, what.__qualname__))
-    setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
-    for name, method in vars(what).copy().items():
-        if not name.startswith("_") and isinstance(method, (classmethod, staticmethod)):
-            setattr(what, name, type(method)(_checked(method.__func__, method.__func__.__qualname__)))
-        elif not name.startswith("_") and inspect.isfunction(method):
-            setattr(what, name, _checked(method, method.__qualname__))
-    return what
-
-
-def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
-    every = inspect.signature(function).parameters
-    parameters = {name: p for name, p in every.items() if name not in ("self", "cls")}
-    open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
-    known = [name for name in parameters if not name.startswith("_")]
-    numbers = {n for n, p in parameters.items() if set(re.split(r"\s*\|\s*", str(p.annotation))) <= NUMBERS}
-    kinds = {n: found for n, p in parameters.items() if (found := _kinds(str(p.annotation)))}
-    in_order = tuple(every)
-    needed = [
-        name
-        for name, p in parameters.items()
-        if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
-    ]
-
-    @functools.wraps(function)
-    def checked(*arguments: Any, **named: Any) -> Any:
-        for name in named:
-            if not open_ended and name not in parameters:
-                cure = suggestion(name, known)
-                raise InputError(
-                    f"{called}({name})", "an argument that it does not have", ", ".join(known) or "none", cure
-                )
-        missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
-        if missing:
-            wanted = f"{called}({', '.join(needed)}, …)"
-            raise InputError(called, f"{' and '.join(missing)} left out", wanted, f"See help({called}).")
-        for name, value in (*zip(in_order, arguments, strict=False), *named.items()):
-            if isinstance(value, str) and name in numbers:
-                cure = f"Write it without quotes. help({called}) says in which unit."
-                raise InputError(f"{called}({name})", f"the text '{value}'", "a number", cure)
-            if name in kinds and value is not None:
-                _refuse_another_kind(f"{called}({name})", value, *kinds[name])
-        return function(*arguments, **named)
-
-    return checked
-
-
-def _kinds(annotation: str) -> tuple[list[str], bool] | None:
-    """Kinds that an argument may be of, and whether several may come; None if it may be something else, too."""
-    words = [word for word in re.split(r"\s*\|\s*", annotation) if word != "None"]
-    single = [re.sub(r"^Sequence\[(\w+)\]$", r"\1", word) for word in words]
-    return (single, single != words) if single and set(single) <= KINDS.keys() else None
-
-
-def _refuse_another_kind(where: str, value: Any, kinds: list[str], several: bool) -> None:
-    for one in value if several and isinstance(value, (list, tuple)) else [value]:
-        if not any(hasattr(one, KINDS[kind][0]) for kind in kinds):
-            raise InputError(where, _in_words(one), " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))
-
-
-def _in_words(value: Any) -> str:
-    """What came, with an article."""
-    if isinstance(value, str):
-        return f"the text '{value}'"
-    name = "array" if type(value).__name__ == "ndarray" else type(value).__name__
-    return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"
 
 
 @contextmanager

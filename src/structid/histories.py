@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import ChannelUnit, standard_unit
-from structid.errors import InputError, Status, check_choice, names_checked
+from structid.errors import InputError, Status, check_choice
 from structid.units import factor
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Histories:
     """Response histories of several runs on one excitation.

@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import scipy
 
+from structid.arguments import check_arguments, check_name
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.device import jnp
-from structid.errors import InputError, check_choice, names_checked, suggestion
+from structid.errors import InputError, check_choice, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
 from structid.hashing import digest
@@ -30,7 +31,7 @@ ROUNDED = 5e-4
 """Of the peak: measurements that differ by less are one and the same."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Observation:
     """A measured response: what drove the structure, and what was recorded.
@@ -97,6 +98,15 @@ class Observation:
         channels = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
         if not channels:
             raise InputError(f"{where}: channels", "none", "one or more, such as 'velocity'")
+        for channel in channels:
+            check_name(f"{where}: channels", channel)
+        if len(set(channels)) < len(channels):
+            raise InputError(
+                f"{where}: channels",
+                f"{', '.join(channels)}",
+                "each channel once",
+                "Two instruments that measured the same are two observations on one record.",
+            )
         values = np.array(self.values, dtype=np.float64)
         values = values[:, None] if values.ndim == 1 else values
         if values.ndim != 2 or values.shape[1] != len(channels):

@@ -5,10 +5,10 @@ from __future__ import annotations
 from types import TracebackType
 from typing import Any
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 
 
-@names_checked
+@check_arguments
 class ProgressBars:
     """Bars for what takes long, in a notebook or a terminal; to be given as ``progress``, and used as a context.
 

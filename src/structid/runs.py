@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import standard_unit
-from structid.errors import InputError, Status, check_choice, names_checked
+from structid.errors import InputError, Status, check_choice
 from structid.figures import runs as figures
 from structid.ground_motion.excitation import Excitation, padded_values
 from structid.histories import Histories
@@ -147,7 +148,7 @@ class Runs(ShownAsText):
         object.__setattr__(self, "reasons", tuple(self.reasons) or ("",) * runs)
 
     @classmethod
-    @names_checked
+    @check_arguments
     def from_histories(cls, design: Design, histories: Histories, record: Excitation) -> Runs:
         """Combine the arguments of `Model.simulate` with its result.
 
@@ -342,7 +343,7 @@ class Runs(ShownAsText):
             },
         )
 
-    @names_checked
+    @check_arguments
     def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
         """Draw bands of the responses, and where in parameter space runs failed.
 

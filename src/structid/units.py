@@ -23,6 +23,17 @@ MIXED_UP = (
 )
 """Units that are easily mixed up: the one that came, the one that is wanted, and what to do."""
 
+AMBIGUOUS = (
+    (r"kn", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'"),
+    (r"pH", "pH is a picohenry to a reader of units", "no unit: an acidity is a logarithm, and has none"),
+    (
+        r"[kM]?(?:tons?(?:_force)?|tonf|force_ton)",
+        "a ton may be 907.185 kg (short, of the United States), 1016.05 kg (long) or 1000 kg",
+        "'t' for 1000 kg, 'short_ton' or 'long_ton'; 'tf' for the weight of 1000 kg",
+    ),
+)
+"""Words that mean one unit to a reader of units and another to an engineer: a pattern, what is wrong, what to write instead."""
+
 _NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
 
 
@@ -38,15 +49,17 @@ def _registry() -> Any:
 
 def _clean(unit: str) -> str:
     text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
-    text = re.sub(r"(?<=[A-Za-z])(?=[2-9])", "**", text)  # m/s2, kN/m3
+    text = re.sub(r"(?<=[A-Za-z])(?=-?[2-9]|-1)", "**", text)  # m/s2, kN/m3; the CF conventions' m s-1
+    if not re.search(r"\bper\b", text):
+        text = re.sub(r"(?<=[A-Za-z\d])\s+(?=[A-Za-z])", "*", text)
     # A single g means gravity; "kg" and similar units stay as they are.
     return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
 
 
-def _parsed(text: str) -> Any:
-    """One of a unit, or a number of it where the text begins with one."""
+def _parsed(text: str, times: float = 1.0) -> Any:
+    """One of a unit, or a number of it where the text begins with one; or so many times as much."""
     registry = _registry()
-    return registry.Quantity(text) if text[0].isdigit() else registry.Quantity(1.0, text)
+    return times * registry.Quantity(text) if text[0].isdigit() else registry.Quantity(times, text)
 
 
 @functools.cache
@@ -55,17 +68,29 @@ def _si_quantity(unit: str) -> Any:
     text = _clean(unit)
     if text in ("", "-", "1"):
         return registry.Quantity(1.0)
-    if re.search(r"(?<![A-Za-z])kn(?![A-Za-z])", text):
-        raise InputError(f"unit '{unit}'", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'")
+    for words, came, allowed in AMBIGUOUS:
+        if re.search(rf"(?<![A-Za-z_]){words}(?![A-Za-z_])", text):
+            raise InputError(f"unit '{unit}'", came, allowed)
     try:
-        return _parsed(text).to_base_units()
+        one, three = (_parsed(text, times).to_base_units() for times in (1.0, 3.0))
+        proportional = abs(three.magnitude / one.magnitude - 3.0) < 1e-9
     except Exception as cause:
+        if type(cause).__name__ != "OffsetUnitCalculusError":
+            raise InputError(
+                f"unit '{unit}'",
+                "it is not a unit that structid knows",
+                "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
+                "Check the spelling; exponents are m^2, m**2 or m2.",
+            ) from cause
+        proportional = False
+    if not proportional:
         raise InputError(
             f"unit '{unit}'",
-            "it is not a unit that structid knows",
-            "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
-            "Check the spelling; exponents are m^2, m**2 or m2.",
-        ) from cause
+            "a scale with a zero of its own, or a logarithmic one: no factor turns it into SI",
+            "a unit of which three are three times as much, such as 'K', or 'delta_degC' for a difference",
+            "Convert the values first.",
+        )
+    return one
 
 
 def factor(unit: str) -> float:

@@ -172,13 +172,13 @@ def test_plots_are_saved_as_png_and_pdf(tmp_path, record):
 
 @pytest.mark.parametrize("peak", [-1.0, 0.0, np.nan, np.inf])
 def test_a_peak_that_is_no_peak_is_refused(peak):
-    with pytest.raises(InputError, match="more than 0"):
+    with pytest.raises(InputError, match=r"more than 0|nan, which is no number"):
         si.GroundMotion.synthetic(seed=1).scale_to_pga(peak)
 
 
 @pytest.mark.parametrize(("start", "end"), [(0.0, 1e9), (-1.0, 5.0), (5.0, 5.0), (7.0, 2.0), (np.nan, 5.0)])
 def test_an_interval_outside_the_record_is_refused(start, end):
-    with pytest.raises(InputError, match="an interval within 0 s to 40 s"):
+    with pytest.raises(InputError, match=r"an interval within 0 s to 40 s|nan, which is no number"):
         si.GroundMotion.synthetic(seed=1).trim(start, end)
 
 

@@ -81,6 +81,22 @@ def test_a_coordinate_alone_explains_a_function_of_it() -> None:
     assert 0.0 < found.total.sum() - 1.0 < 0.1, "the parameters interact"
 
 
+def test_a_single_parameter_has_all_of_the_variance():
+    space = si.ParameterSpace(stiffness=si.Uniform(1.0, 2.0))
+    design = space.sample(60, seed=1)
+    found = si.sensitivity(design, design.values[:, 0] ** 2)
+    assert found.first.tolist() == found.total.tolist() == [1.0]
+    assert found.alone == pytest.approx([1.0], abs=0.01)
+    assert "stiffness" in str(found)
+
+
+@pytest.mark.parametrize("shape", [(50,), (200,), (100, 2), ()])
+def test_values_of_other_runs_are_refused(shape):
+    space = si.ParameterSpace(a=si.Uniform(1.0, 2.0), b=si.Uniform(1.0, 2.0))
+    with pytest.raises(si.InputError, match=r"sensitivity\(values\): .* for 100 runs"):
+        si.sensitivity(space.sample(100, seed=1), np.ones(shape))
+
+
 def test_correlated_parameters_have_no_such_indices() -> None:
     space = si.ParameterSpace([[1.0, 0.5], [0.5, 1.0]], a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
     design = space.sample(100, 1)

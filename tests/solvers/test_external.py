@@ -37,7 +37,7 @@ EXPECTED = {
     8: (Status.FAILED, "ArithmeticError: no convergence in step 12 (solvers.py, line", 0),
     9: (Status.FAILED, "gave up", 50),
     10: (Status.FAILED, "there is no 'velocity' among the returned speed", 0),
-    11: (Status.FAILED, "could not convert string", 0),
+    11: (Status.FAILED, "it returned text such as 'what?'; wanted 400 rows of velocity", 0),
 }
 
 

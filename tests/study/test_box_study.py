@@ -1,5 +1,7 @@
 """Studies of a box of parameters: runs over the priors, by themselves, again, and every mistake in a paragraph."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,20 @@ def test_runs_over_the_priors_and_the_page_again(study):
     again = report_again(folder)
     assert again.report.read_text().count("<figure>") == page.count("<figure>")
     np.testing.assert_array_equal(again.parameter_study.runs.values, found.runs.values)
+
+
+def test_a_box_of_one_parameter(study):
+    """All of the variance is its own; there are no pairs to draw."""
+    text = study.read_text()
+    tables = [name for name in ("beta", "gamma_ratio", "alpha") if f"[parameters.{name}]" in text]
+    for name in tables:
+        begin = text.index(f"[parameters.{name}]")
+        text = text[:begin] + text[text.index("\n[", begin) + 1 :]
+    text = re.sub(r"^(\[model\].*\n)", "\\1alpha = 0.06\nbeta = 60.0\ngamma_ratio = 0.5\n", text, flags=re.M)
+    study.write_text(text)
+    outcome = run_study(study, study.parent / "out")
+    assert [found.first.tolist() for found in outcome.parameter_study.sensitivities.values()] == [[1.0], [1.0]]
+    assert "Parameters and first passages" in outcome.report.read_text()
 
 
 def test_beside_a_calibration(study):

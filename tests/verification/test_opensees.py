@@ -16,6 +16,9 @@ analysis their error hides any difference of the laws, so it is extrapolated awa
 
 from __future__ import annotations
 
+import importlib
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -147,7 +150,7 @@ def opensees_oscillator(motion: si.GroundMotion, damping_ratio: float, increment
     define_bouc_wen(**STUDY)
     ops.element("zeroLength", 1, 1, 2, "-mat", 1, "-dir", 1)
     ops.rayleigh(2.0 * damping_ratio * np.sqrt(STIFFNESS / MASS), 0.0, 0.0, 0.0)  # mass-proportional: c = 2 ζ ω m
-    ops.timeSeries("Path", 1, "-dt", motion.dt, "-values", *motion.values.tolist())
+    ops.timeSeries("Path", 1, "-dt", motion.dt, "-values", *motion.values.tolist(), "-useLast")
     ops.pattern("UniformExcitation", 1, 1, "-accel", 1)
     ops.constraints("Plain")
     ops.numberer("Plain")
@@ -172,3 +175,17 @@ def test_degrading_oscillator_is_that_of_opensees():
     coarse, fine = (opensees_oscillator(motion, 0.03, n) for n in (100, 200))
     assert relative(coarse, ours) / relative(fine, ours) == pytest.approx(2.0, abs=0.05)
     assert relative(2.0 * fine - coarse, ours) < 1e-4
+
+
+@pytest.mark.parametrize("samples", [101, 1001, 2001])
+def test_the_last_sample_of_a_record_drives_the_example(samples, monkeypatch):
+    """A sum of steps may end above the last sample's time by rounding, where a series without -useLast is zero."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2] / "examples" / "opensees_oscillator")
+    respond = importlib.import_module("oscillator").respond
+    acceleration = np.zeros(samples)
+    acceleration[-1] = 5.0
+    record = si.GroundMotion(acceleration, 0.01)
+    parameters = {"stiffness": STIFFNESS, "alpha": ALPHA, "beta": 63.0, "gamma_ratio": 1.0}
+    last = respond(parameters, record)[-1]
+    # At rest until the last step, in which the average acceleration is half of the last sample's.
+    assert last == pytest.approx(-0.5 * 5.0 * record.dt, rel=0.05)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment.certificate import Certificate
 from structid.inference.assessment.prediction import Prediction, first_that_takes, predict
@@ -217,7 +217,7 @@ class CalibrationResult(ShownAsText):
             return np.asarray(np.sqrt(self.certificate.weights @ (self.certificate.draws - self.mean) ** 2))
         return self.sampling.sd
 
-    @names_checked
+    @check_arguments
     def quantile(self, p: float | np.ndarray) -> np.ndarray:
         """Quantiles of the marginals.
 
@@ -262,7 +262,7 @@ class CalibrationResult(ShownAsText):
         found = self.sampling.log_evidence
         return None if found is None else self.corrected(found)
 
-    @names_checked
+    @check_arguments
     def predict(
         self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> Prediction:

@@ -11,17 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments, real_array
 from structid.calibration.density_of_draws import DensityOfDraws
 from structid.calibration.drawn_laws import Chosen, DrawnLaw
 from structid.calibration.excluded import with_what_is_excluded
+from structid.calibration.external_draws import Draws, density_with, draws_of
 from structid.calibration.fitted_to_draws import FittedToDraws, ValuesAtDraws
-from structid.calibration.foreign_draws import Draws, density_with, draws_of
 from structid.calibration.hidden_modes import searched
 from structid.calibration.known_points import Points, joined
 from structid.calibration.learnt_law import LearntLaw
 from structid.calibration.true_runs import NOISE, Tell
 from structid.calibration.truth import Truth
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.inference.assessment.certificate import FEWEST_DRAWS, Certificate, judged
 from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
 from structid.inference.assessment.limits import Limits
@@ -38,7 +39,7 @@ AT_ONCE = 10
 """Runs of a round that teaches."""
 
 
-@names_checked
+@check_arguments
 def certify(
     posterior: Target,
     draws: Draws,
@@ -119,7 +120,7 @@ def certify(
         if count is not None and count < 0:
             raise InputError(f"certify({word})", f"{count}", "0 or more")
     limits = Limits() if limits is None else limits
-    taken = draws_of(draws, posterior.names)
+    taken = draws_of(draws, posterior.names, posterior.units)
     log_density = density_with(draws) if log_density is None else log_density
     rng = stream(seed, Purpose.CERTIFIED_DRAWS)
     law = _law(posterior, taken, log_density, rng)
@@ -181,7 +182,7 @@ def _known(known: Points | None, dimension: int) -> Points:
     """Runs that somebody has made, checked."""
     if known is None:
         return np.empty((0, dimension)), np.empty(0)
-    theta, log_true = (np.asarray(part, dtype=np.float64) for part in known)
+    theta, log_true = (real_array("certify(known)", part) for part in known)
     if theta.ndim != 2 or theta.shape[1] != dimension or log_true.shape != (len(theta),):
         raise InputError(
             "certify(known)",

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from structid.arguments import real_array
 from structid.calibration.drawn_laws import MANY, Chosen, DrawnLaw, refuse_another
 from structid.errors import InputError
 from structid.inference.assessment.representation import represented
@@ -69,7 +70,8 @@ class DensityOfDraws(DrawnLaw):
         InputError
             If the function gives something else than a number for each point.
         """
-        values = np.asarray(self.function(theta), dtype=np.float64)
+        values = real_array("certify(log_density)", self.function(theta), "log densities")
+        values = values[:, 0] if values.shape == (len(theta), 1) else values
         if values.shape != (len(theta),):
             raise InputError(
                 "certify(log_density)",

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.inference.assessment.limits import Limits
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.tempered import SMC
@@ -31,7 +32,7 @@ FEWEST_IN_A_BATCH = 4
 """A batch of fewer runs before the last certificate is not worth a round."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Plan:
     """How true runs are spent.

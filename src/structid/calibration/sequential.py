@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.calibration.asked_limits import earlier_limits
 from structid.calibration.batch import Batch, certificate_draws, next_batch
 from structid.calibration.calibration_result import CalibrationResult, Round
@@ -24,7 +25,7 @@ from structid.calibration.taken_over import first_design, take_over
 from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.hashing import digest
 from structid.inference.assessment.certificate import judged
 from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
@@ -59,7 +60,7 @@ Entry = dict[str, np.ndarray]
 _log = logging.getLogger(__name__)
 
 
-@names_checked
+@check_arguments
 def calibrate(
     model: Model,
     space: ParameterSpace,

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.campaign.executors import LostWorkerError, Pool, opened
 from structid.campaign.journal_entries import Finished
 from structid.campaign.run_file import Header
 from structid.campaign.store import MemoryStore, RunStore, open_runs, stored_identity
-from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError, names_checked
+from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
 from structid.ground_motion.excitation import Excitation, check_signals_alike
 from structid.hashing import digest
 from structid.journal import compare_identity
@@ -48,7 +49,7 @@ class _Ticket:
     attempts: int
 
 
-@names_checked
+@check_arguments
 class Campaign:
     """True runs of a model over a design, on one record or several.
 

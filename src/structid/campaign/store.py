@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.campaign import run_file
 from structid.campaign.journal_entries import (
     Finished,
@@ -32,7 +33,7 @@ from structid.campaign.journal_entries import (
 )
 from structid.campaign.parts import disk_errors_explained, lock, next_segment, parts_of, run_files_of
 from structid.campaign.run_file import Header, Row
-from structid.errors import InputError, Status, names_checked
+from structid.errors import InputError, Status
 from structid.journal import Journal, compare_identity, differences
 from structid.runs import InMemory, Runs
 
@@ -259,7 +260,7 @@ class MemoryStore:
         """Do nothing: there is nothing to release."""
 
 
-@names_checked
+@check_arguments
 def open_runs(path: str | os.PathLike[str]) -> Runs:
     """Open the runs of a campaign for reading, whether it has ended or not; nothing on disk is changed.
 

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.fem.elements import block_mass, block_stiffness
 from structid.fem.mesh import SHORT_BAR, Mesh
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Masonry:
     """What blocks, beam and loads are made of.

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.units import factor_of
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def von_mises_strain(strain_x: Any, strain_y: Any, shear: Any) -> Any:
     return np.sqrt(strain_x**2 - strain_x * strain_y + strain_y**2 + 0.75 * shear**2)
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class DisplacementField:
     """Displacements on a regular grid at some instants.
@@ -76,7 +77,7 @@ class DisplacementField:
                 raise InputError(f"DisplacementField.{name}", "places that do not rise", "rising places")
 
     @classmethod
-    @names_checked
+    @check_arguments
     def read(cls, path: str | os.PathLike[str], length_unit: str = "m") -> DisplacementField:
         """Read a field.
 

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 
 TOLERANCE = 1e-9
 """Lengths [m] that differ by less are the same."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Opening:
     """A door or a window.
@@ -84,7 +85,7 @@ class Block(NamedTuple):
     name: str
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Wall:
     """A wall with openings, laid in courses.

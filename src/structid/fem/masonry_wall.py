@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jax import lax
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.fem.assembly import Assembly, Masonry
 from structid.fem.condensed import Condensed
 from structid.fem.layout import FACADE, Wall
@@ -46,7 +47,7 @@ MOST_BLOCKS_IN_LANES = 40
 """Walls of more blocks are run one by one, by sparse factors: tables of places and compiling grow with the wall."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class MasonryWall(TraceableModel):
     """Wall of linear plane-stress blocks, cohesive mortar joints and a loading beam, on a moving base.
@@ -280,7 +281,7 @@ class MasonryWall(TraceableModel):
 
     # --- pictures -----------------------------------------------------------------------------------------------
 
-    @names_checked
+    @check_arguments
     def film(self, excitation: Excitation, theta: np.ndarray | None = None) -> WallFilm:
         """Follow every node of the wall through one run.
 
@@ -348,9 +349,9 @@ class MasonryWall(TraceableModel):
     # --- what others ask ----------------------------------------------------------------------------------------
 
     @property
-    def loop_channels(self) -> tuple[str, str, str]:
+    def loop_channels(self) -> dict[str, tuple[str, str, str]]:
         """Drift, base shear and the work of the joints."""
-        return ("drift", "base_shear", "joint_energy")
+        return {"": ("drift", "base_shear", "joint_energy")}
 
     @property
     def kind_in_words(self) -> str:

@@ -12,7 +12,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.fem.displacement_field import DisplacementField, von_mises_strain
 from structid.fem.elements import shape_functions, strain_matrix
 from structid.fem.mesh import Joint, Mesh
@@ -26,7 +27,7 @@ GRID = 0.025
 """Step [m] of the grid on which a wall's displacements are looked at as a camera would."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class WallFilm:
     """The motion of every node of a wall in one run.
@@ -90,7 +91,7 @@ class WallFilm:
         largest = sorted(extremes, key=lambda i: -abs(float(self.drift[i])))[:count]
         return sorted(largest)
 
-    @names_checked
+    @check_arguments
     def displacement_field(self, instants: Sequence[int] | None = None, step: float = GRID) -> DisplacementField:
         """Displacements from rest on a regular grid, as a camera sees them.
 
@@ -130,7 +131,7 @@ class WallFilm:
 
     # --- pictures -----------------------------------------------------------------------------------------------
 
-    @names_checked
+    @check_arguments
     def plot(
         self,
         instants: Sequence[int] | None = None,
@@ -176,7 +177,7 @@ class WallFilm:
         largest = float(np.abs(self.since_rest).max())
         return max(1.0, float(f"{0.1 * self.mesh.wall.height / largest:.1g}")) if largest > 0.0 else 1.0
 
-    @names_checked
+    @check_arguments
     def plot_strains(
         self, instants: Sequence[int] | None = None, step: float = GRID, save: str | os.PathLike[str] | None = None
     ) -> Figure:
@@ -198,7 +199,7 @@ class WallFilm:
         """
         return self.displacement_field(instants, step).plot(save=save)
 
-    @names_checked
+    @check_arguments
     def animate(self, path: str | os.PathLike[str], frames: int = 100, per_second: int = 20) -> Path:
         """Write a film of the deformed wall, with its drift below it.
 
@@ -237,7 +238,7 @@ class WallFilm:
 
     # --- files --------------------------------------------------------------------------------------------------
 
-    @names_checked
+    @check_arguments
     def to_vtu(self, folder: str | os.PathLike[str], instants: Sequence[int] | None = None) -> Path:
         """Write the wall for ParaView: a VTU file for every instant, and ``wall.pvd``, which names them with their times.
 

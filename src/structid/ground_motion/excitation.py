@@ -10,7 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.hashing import digest
 
 
@@ -81,6 +82,7 @@ class Excitation:
 
     kind: ClassVar[str] = "excitation"
     unit: ClassVar[str] = ""
+    display_unit: ClassVar[str] = ""
 
     def __post_init__(self) -> None:
         array, dt = checked_signal(f"{type(self).__name__} '{self.name}'", self.values, self.dt)
@@ -99,6 +101,11 @@ class Excitation:
 
     def __len__(self) -> int:
         return len(self.values)
+
+    @property
+    def signals(self) -> tuple[Excitation, ...]:
+        """What acts, one by one: this signal, or the parts of several."""
+        return (self,)
 
     @property
     def time(self) -> np.ndarray:
@@ -156,6 +163,7 @@ class Excitation:
         stages = np.stack([grid[0:-2:2], grid[1:-1:2], grid[2::2]], axis=1)
         return stages.reshape(steps, substeps, 3)
 
+    @check_arguments
     def values_at(self, times: np.ndarray) -> np.ndarray:
         """Signal at any times within its duration.
 
@@ -192,7 +200,7 @@ class Excitation:
         return self.lead_in_periods * len(self)
 
 
-@names_checked
+@check_arguments
 class ForceHistory(Excitation):
     """A force on the mass [N] (for a frame: on the top storey).
 
@@ -208,9 +216,10 @@ class ForceHistory(Excitation):
 
     kind = "force"
     unit = "N"
+    display_unit = "kN"
 
 
-@names_checked
+@check_arguments
 class DisplacementHistory(Excitation):
     """An imposed displacement [m], as in a quasi-static cyclic test; the model returns the force.
 
@@ -226,9 +235,10 @@ class DisplacementHistory(Excitation):
 
     kind = "displacement"
     unit = "m"
+    display_unit = "mm"
 
 
-@names_checked
+@check_arguments
 class RotationHistory(Excitation):
     """An imposed rotation [rad], beside displacements in a `CombinedExcitation`; the model returns the moment.
 
@@ -244,9 +254,10 @@ class RotationHistory(Excitation):
 
     kind = "rotation"
     unit = "rad"
+    display_unit = "rad"
 
 
-@names_checked
+@check_arguments
 class CombinedExcitation(Excitation):
     """Several signals that act at once: two components of a ground motion, or a ground motion and a force.
 
@@ -297,6 +308,11 @@ class CombinedExcitation(Excitation):
         }  # fmt: skip
         for key, value in fields.items():
             object.__setattr__(self, key, value)
+
+    @property
+    def signals(self) -> tuple[Excitation, ...]:
+        """The parts."""
+        return self.parts
 
     @property
     def kind(self) -> str:  # type: ignore[override]

@@ -21,6 +21,14 @@ LOWEST_EDGE = 1e-5
 """Lowest edge of a filter, as a share of the Nyquist frequency: below it the filter is singular in float64."""
 MOST_ORDER = 30
 """Highest order of a filter."""
+SETTLED = 1e-8
+"""Part of a filter's free response that may be left where the signal begins."""
+LONGEST_PADDING = 20
+"""Most samples with which a signal goes on beyond each of its ends, as a multiple of its own."""
+KERNEL, KAISER = 10, 5.0
+"""Half-length of the anti-aliasing kernel in samples of the coarser step, and the parameter of its Kaiser window."""
+DRIFT = 0.01
+"""Most samples that a rounded step may be off at the end of a signal."""
 
 
 def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
@@ -108,32 +116,71 @@ def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float
     sections = scipy.signal.butter(order, edges, band, fs=1.0 / dt, output="sos")
     if signal.size <= 3 * (2 * len(sections) + 1):
         raise InputError(band, f"a record of {signal.size} samples", f"more than {3 * (2 * len(sections) + 1)} samples")
-    filtered: np.ndarray = scipy.signal.sosfiltfilt(sections, signal)
+    samples = np.arange(signal.size)
+    # What a filter makes of a signal near its ends depends on how it goes on there. A low-pass needs its slope to go on, a
+    # high-pass its mean, and of a straight line, which a high-pass makes zero, nothing at all.
+    if band == "lowpass":
+        level, reflected = np.zeros(signal.size), "odd"
+    else:
+        level, reflected = np.polynomial.Polynomial.fit(samples, signal, 1)(samples), "even"
+    beyond = min(_settling_samples(sections), LONGEST_PADDING * signal.size)
+    padded = np.pad(signal - level, beyond, mode="reflect", reflect_type=reflected)  # type: ignore[call-overload]
+    filtered: np.ndarray = scipy.signal.sosfiltfilt(sections, padded)[beyond : beyond + signal.size]
     return filtered
+
+
+def _settling_samples(sections: np.ndarray) -> int:
+    """Samples after which the free response of a filter has fallen to `SETTLED`, by its slowest pole."""
+    _, poles, _ = scipy.signal.sos2zpk(sections)
+    return int(np.ceil(np.log(SETTLED) / np.log(np.abs(poles).max())))
 
 
 def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
     """Resample with a polyphase anti-aliasing filter.
+
+    The signal goes on beyond its ends with its last slope (odd reflection), so that a constant stays constant.
 
     Parameters
     ----------
     signal : ndarray, shape (time,)
         The samples.
     dt, new_dt : float
-        Present and new step [s]; their ratio must be a fraction of whole numbers up to 1000.
+        Present and new step [s]; their ratio must be a fraction of whole numbers up to 1000, as far as the digits of the steps
+        can be trusted: a step read from rounded times may be off by 1 % of a sample at the signal's end.
 
     Returns
     -------
     ndarray, shape (new time,)
-        The resampled signal.
+        The resampled signal, from the first sample to the last one that is not after the end.
     """
     if not new_dt > 0:
         raise InputError("resample: dt", f"{new_dt:g} s", "a positive step")
     ratio = Fraction(dt / new_dt).limit_denominator(1000)
-    if abs(float(ratio) * new_dt / dt - 1.0) > 1e-9:
-        raise InputError("resample: dt", f"{new_dt:g} s from {dt:g} s", "steps whose ratio is a simple fraction")
-    resampled: np.ndarray = scipy.signal.resample_poly(signal, ratio.numerator, ratio.denominator)
+    up, down = ratio.numerator, ratio.denominator
+    if up == 0 or abs(up / down * new_dt / dt - 1.0) * signal.size > DRIFT:
+        nearest = f"{dt * down / up:.9g} s" if up else f"{1000 * dt:g} s"
+        raise InputError(
+            "resample: dt",
+            f"{new_dt:.9g} s from {dt:.9g} s",
+            "steps whose ratio is a fraction of whole numbers up to 1000",
+            f"The nearest such step is {nearest}.",
+        )
+    # A whole number of coarse steps in front, so that the first sample stays where it is.
+    beyond = down * (KERNEL * max(up, down) // (up * down) + 1)
+    padded = np.pad(signal, beyond, mode="reflect", reflect_type="odd")
+    first, samples = beyond * up // down, (signal.size - 1) * up // down + 1
+    kernel = _resampling_kernel(up, down)
+    resampled: np.ndarray = scipy.signal.resample_poly(padded, up, down, window=kernel)[first : first + samples]
     return resampled
+
+
+def _resampling_kernel(up: int, down: int) -> np.ndarray:
+    """Low-pass at the smaller Nyquist frequency, each of whose `up` phases sums to one: a constant has no ripple."""
+    half = KERNEL * max(up, down)
+    kernel = scipy.signal.firwin(2 * half + 1, 1.0 / max(up, down), window=("kaiser", KAISER))
+    phase = (np.arange(kernel.size) - half) % up
+    sums = np.bincount(phase, kernel, minlength=up)
+    return np.asarray(kernel / (up * sums[phase]))
 
 
 def integrate(signal: np.ndarray, dt: float) -> np.ndarray:

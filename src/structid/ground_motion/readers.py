@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,11 @@ NOT_READ = {
 }
 """Formats that are known by their first lines, and not read."""
 
+
+ROUNDED_TIME = 0.05
+"""Most that a printed time may be off, in steps."""
+LARGEST_DENOMINATOR = 100_000
+"""Of a time step as a fraction of a second: beyond it, no instrument's clock is meant."""
 
 _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
 """A number, perhaps with a decimal comma."""
@@ -226,17 +232,32 @@ def _is_header(text: str) -> bool:
 
 
 def _constant_step(path: str | os.PathLike[str], time: np.ndarray, line_numbers: list[int]) -> float:
+    """The step of a time column, or a refusal that names the first line at which it is another one."""
     steps = np.diff(time)
-    dt = (time[-1] - time[0]) / (time.size - 1)
+    dt = float(time[-1] - time[0]) / (time.size - 1)
     # Times may be printed with few digits: a deviation of the last digit is allowed, one near a sample is not.
-    wrong = np.flatnonzero(np.abs(time - time[0] - dt * np.arange(time.size)) > 0.05 * abs(dt))
-    if dt <= 0 or wrong.size:
-        at = wrong[0] if wrong.size else int(np.argmin(steps))
+    deviation = float(np.abs(time - time[0] - dt * np.arange(time.size)).max())
+    if dt <= 0.0 or deviation > ROUNDED_TIME * dt:
+        usual = float(np.median(steps))
+        irregular = np.flatnonzero(np.abs(steps - usual) > 2.0 * ROUNDED_TIME * abs(usual))
+        at = int(irregular[0]) + 1 if irregular.size else int(np.argmin(steps)) + 1
         raise InputError(
             f"{path}, line {line_numbers[at]}",
-            f"time {time[at]:g} s breaks the constant step of {dt:g} s",
+            f"time {time[at]:.9g} s after {time[at - 1]:.9g} s, where the step is {usual:.6g} s elsewhere",
             "times that increase by a constant step",
             "Resample the record to a constant step first. Where decimals have commas, put semicolons between the columns.",
         )
-    # The mean over all samples has the digits that single printed times lack.
-    return float(f"{dt:.9g}")
+    # All times together know the step better than one difference: to twice the rounding of the first and the last one.
+    known = max(2.0 * deviation / (time.size - 1), 1e-12 * dt)
+    step = _simplest_fraction(Fraction(dt - known), Fraction(dt + known))
+    return float(step) if step.denominator <= LARGEST_DENOMINATOR else float(f"{dt:.9g}")
+
+
+def _simplest_fraction(low: Fraction, high: Fraction) -> Fraction:
+    """The fraction of the smallest denominator in an interval, by continued fractions: 1/256 for 0.0039062 to 0.0039063."""
+    whole = low.numerator // low.denominator
+    if whole == low:
+        return low
+    if whole + 1 <= high:
+        return Fraction(whole + 1)
+    return whole + 1 / _simplest_fraction(1 / (high - whole), 1 / (low - whole))

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.figures import record as record_figures
 from structid.ground_motion import processing, readers, spectra
 from structid.ground_motion.excitation import Excitation
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@names_checked
+@check_arguments
 class GroundMotion(Excitation):
     """Ground acceleration at a constant step. Immutable: every operation returns a new one.
 
@@ -44,6 +45,7 @@ class GroundMotion(Excitation):
 
     kind = "ground_motion"
     unit = "m/s^2"
+    display_unit = "m/s^2"
 
     @property
     def acceleration(self) -> np.ndarray:

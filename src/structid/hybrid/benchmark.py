@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.hybrid.coupling import Coupling
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.partitioned_run import PartitionedHistories, run_over
@@ -64,7 +64,7 @@ def pulse(time: np.ndarray) -> np.ndarray:
     return np.where(time < PULSE, STRENGTH * np.sin(np.pi * time / PULSE) ** 2, 0.0)
 
 
-@names_checked
+@check_arguments
 def two_floors(
     coupling: Coupling | None = None, *, hysteretic: bool = False, dt: float = 0.01, duration: float = 2.0
 ) -> PartitionedHistories:

@@ -15,7 +15,8 @@ from math import comb
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 
 CUBIC_SLOPE, CUBIC_CURVATURE = np.array([11.0, -18.0, 9.0, -2.0]) / 6.0, np.array([2.0, -5.0, 4.0, -1.0])
 """Derivatives, at its last point, of the cubic through four points with a distance of one, the last one first."""
@@ -100,7 +101,7 @@ class Compensation(ABC):
         """
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class PolynomialExtrapolation(Compensation):
     """A polynomial through where the specimen should have been, a delay ahead: c(t) = Σ_i a_i u(t − i τ), i = 0 … n.
@@ -197,7 +198,7 @@ class _Past:
         return np.asarray((1.0 - share) * history[low] + share * history[np.minimum(low + 1, len(history) - 1)])
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class AdaptiveTimeSeries(Compensation):
     """A Taylor series whose coefficients are learnt while the test runs: c = a₀ u + a₁ u′ + ½ a₁² u″.

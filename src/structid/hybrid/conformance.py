@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.hybrid.server import parsed_address
 from structid.hybrid.specimen import SpecimenError
 from structid.hybrid.wire import (
@@ -358,7 +358,7 @@ def _motion(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
     yield "serves on", serves
 
 
-@names_checked
+@check_arguments
 def conformance(address: str, secret: str | bytes) -> list[Finding]:
     """Check a server.
 

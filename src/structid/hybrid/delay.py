@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 
 GRID = 4000
 """Frequencies at which the shares of a structure are looked at, before roots are found between two of them."""
@@ -60,7 +61,7 @@ class CriticalDelay:
         return time_scale * self.delay
 
 
-@names_checked
+@check_arguments
 def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -> CriticalDelay:
     """Critical delay of one degree of freedom.
 
@@ -101,7 +102,7 @@ def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -
     return CriticalDelay(float(angle / (x * frequency)), float(x * frequency))
 
 
-@names_checked
+@check_arguments
 def critical_lag(frequency: float, damping_ratio: float) -> float:
     """Critical time constant of a first-order lag, for a specimen that has all of the stiffness: (2ζ/ω)/(1 − 4ζ²).
 
@@ -121,7 +122,7 @@ def critical_lag(frequency: float, damping_ratio: float) -> float:
     return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
 
 
-@names_checked
+@check_arguments
 def critical_delay_of(
     mass: np.ndarray, damping: np.ndarray, numerical: np.ndarray, physical: np.ndarray
 ) -> CriticalDelay:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.fem.assembly import Assembly
 from structid.fem.masonry_wall import MasonryWall
 from structid.fem.static_wall import BEAM, StaticWall
@@ -18,7 +19,7 @@ from structid.mechanics.carried_over import CarriedOver
 from structid.mechanics.cohesive_laws import CohesiveLaw
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class FloorMasses:
     """Masses of a facade beside those of its walls.
@@ -56,7 +57,7 @@ class FacadeParts(NamedTuple):
     wall: StaticWall
 
 
-@names_checked
+@check_arguments
 def facade_parts(
     lower: MasonryWall,
     upper: MasonryWall | None = None,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.hybrid.substructure import Substructure, proportional_damping
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.restoring_forces import HystereticSprings
 from structid.models.shear_frame import ShearFrame
 
 
-@names_checked
+@check_arguments
 def cut_frame(
     frame: ShearFrame,
     floor: int,

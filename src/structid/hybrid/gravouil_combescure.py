@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.array_module import namespace
-from structid.errors import names_checked
 from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import PartState
 from structid.hybrid.substructure import Substructure
 from structid.mechanics.sequence import in_sequence
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class GravouilCombescure(Coupling):
     """Velocities of both parts agree at every fine step; α = 0.

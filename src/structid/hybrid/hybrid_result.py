@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, RotationHistory
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
@@ -165,7 +166,7 @@ class HybridResult(ShownAsText):
         datum = self.description.datum
         return np.zeros(len(self.description.channels)) if datum is None else np.array(datum)
 
-    @names_checked
+    @check_arguments
     def observation(
         self,
         channels: Sequence[str] = (),

@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import InputError, StructidWarning, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, StructidWarning
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.compensation import Compensation
 from structid.hybrid.coupling import CoarseStep, Coupling, Joined
@@ -37,7 +38,7 @@ INTERFACE_SHARE = 0.5
 """Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class HybridTest:
     """A pseudo-dynamic hybrid test with substructures.

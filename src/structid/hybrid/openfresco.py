@@ -23,7 +23,8 @@ import time
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.server import parsed_address
 from structid.hybrid.specimen import Reading, Specimen, SpecimenDescription, SpecimenError
 
@@ -38,7 +39,7 @@ SILENCE = 1.0
 LOOPBACKS = ("127.0.0.1", "::1", "localhost")
 
 
-@names_checked
+@check_arguments
 class OpenFrescoSpecimen(Specimen):
     """A specimen behind a site server of OpenFresco's generic dialect.
 

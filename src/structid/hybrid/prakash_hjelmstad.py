@@ -13,15 +13,16 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.array_module import namespace
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.hybrid.coupling import CoarseStep, CoupledState, Coupling, Joined, inverse_of, splittings
 from structid.hybrid.operator_splitting import Imposing, Link, PartState
 from structid.hybrid.substructure import Substructure
 from structid.mechanics.sequence import in_sequence
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class PrakashHjelmstad(Coupling):
     """Velocities of both parts agree at the end of a coarse step; Λ is linear within it, and averaged like other forces.

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_result import HybridResult
 from structid.hybrid.hybrid_test import NEVER_RESUMED, HybridTest
@@ -94,7 +95,7 @@ class ProgrammeResult(ShownAsText):
                 return f"Test {name} ended" + (f" at {event.time:.3f} s: {event.what}" if event else ".")
         return f"The programme ended after test {name}: {self.not_released}" if self.not_released else ""
 
-    @names_checked
+    @check_arguments
     def observation(
         self, name: str, channels: tuple[str, ...] = (), sd: float | Sequence[float] | np.ndarray | None = None
     ) -> Observation:
@@ -117,7 +118,7 @@ class ProgrammeResult(ShownAsText):
         before = self._before(name)
         return self.tests[name].observation(channels, before=before, sd=sd)
 
-    @names_checked
+    @check_arguments
     def way_to(self, name: str) -> np.ndarray:
         """Where the specimen was moved to before a test, as it was measured; for `VirtualHybridTest.way`.
 
@@ -144,7 +145,7 @@ class ProgrammeResult(ShownAsText):
         return "\n".join([*lines, "The programme is finished." if self.finished else self.ended_by])
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Programme:
     """A programme of hybrid tests.

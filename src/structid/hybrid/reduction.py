@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.substructure import Substructure
 
 
@@ -84,7 +85,7 @@ def constraint_modes(stiffness: np.ndarray, kept: Sequence[int]) -> np.ndarray:
     return basis
 
 
-@names_checked
+@check_arguments
 def reduced_by_guyan(
     mass: np.ndarray,
     damping: np.ndarray,
@@ -130,7 +131,7 @@ def reduced_by_guyan(
     return Substructure(*small[:3], rows, influence=small.influence, name=name)
 
 
-@names_checked
+@check_arguments
 def reduced_by_craig_bampton(
     mass: np.ndarray,
     damping: np.ndarray,

@@ -7,7 +7,7 @@ import socket
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.hybrid.server import parsed_address
 from structid.hybrid.specimen import Reading, Specimen, SpecimenDescription, SpecimenError
 from structid.hybrid.wire import (
@@ -33,7 +33,7 @@ CONNECTING = 5.0
 """How long a connection and a greeting may take [s]."""
 
 
-@names_checked
+@check_arguments
 class RemoteSpecimen(Specimen):
     """A specimen behind a socket, served by `SpecimenServer` or by a laboratory's own program.
 

@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_result import Event, HybridResult, MoveHistory
@@ -227,7 +228,7 @@ def _filtered(file: Any, names: list[str]) -> FilteredPath | None:
     return FilteredPath(tuple(names), *(file[f"online/{name}"][()] for name in FILTERED)) if names else None
 
 
-@names_checked
+@check_arguments
 def open_hybrid(path: str | Path) -> HybridResult:
     """Open a hybrid test that has ended, in whatever way.
 

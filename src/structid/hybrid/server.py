@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.specimen import Specimen, SpecimenError
 from structid.hybrid.wire import (
     LARGEST_GREETING,
@@ -77,7 +78,7 @@ class _Session:
     moved: bool = False
 
 
-@names_checked
+@check_arguments
 class SpecimenServer:
     """Serves a specimen to hybrid tests, on the loopback unless told otherwise.
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.specimen import Reading, Specimen, SpecimenChannel, SpecimenDescription, SpecimenError
 from structid.hybrid.transfer import CONTROLLER_STEP, Actuator, TransferSystem
 from structid.mechanics.restoring_forces import CollapseError, RestoringForce
@@ -20,7 +21,7 @@ MOST_RELEASES = 2000
 """Moves towards it."""
 
 
-@names_checked
+@check_arguments
 class SimulatedSpecimen(Specimen):
     """A restoring force behind a transfer system, with the limits of its actuators.
 

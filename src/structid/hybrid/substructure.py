@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.mechanics.restoring_forces import LinearForce, RestoringForce
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Substructure:
     """A numerical or a physical part of a structure.

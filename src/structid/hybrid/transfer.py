@@ -7,14 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import lfilter
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.streams import Purpose, stream
 
 CONTROLLER_STEP = 1e-3
 """T_c [s] of wall time."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Sensor:
     """What is seen of a quantity: white noise, then the steps of a converter.
@@ -61,7 +62,7 @@ class Sensor:
         return self.quantum * np.round(noisy / self.quantum) if self.quantum else noisy
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Actuator:
     """A channel that follows its command: stroke limit, pure delay τ, first-order lag T_a, velocity limit.

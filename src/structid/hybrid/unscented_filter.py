@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hybrid.updated_springs import UpdatedSprings
 from structid.mechanics.restoring_forces import HystereticSprings
 from structid.models.traceable import TraceableModel, as_traceable
@@ -46,7 +47,7 @@ class FilteredPath:
     high: np.ndarray
 
 
-@names_checked
+@check_arguments
 class UnscentedFilter:
     """Follows the parameters of a specimen of one channel, move by move, and may hand them to the numerical part.
 

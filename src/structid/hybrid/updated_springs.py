@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.restoring_forces import HystereticSprings, RestoringForce
 
 
-@names_checked
+@check_arguments
 class UpdatedSprings(RestoringForce):
     """Springs that take over the law of a specimen like them. What they remember stays.
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from jax import lax
 
+from structid.arguments import check_arguments
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.hashing import digest
 from structid.hybrid.coupling import CoupledState, Coupling, Joined
@@ -23,7 +24,7 @@ from structid.models.traceable import TraceableModel, TracedExcitation, as_trace
 from structid.probability.space import ParameterSpace
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class VirtualHybridTest(TraceableModel):
     """Two coupled parts, the physical one with the force of a model whose parameters may be free.
@@ -63,6 +64,8 @@ class VirtualHybridTest(TraceableModel):
     >>> found.values.shape
     (2, 201, 1)
     """
+
+    hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"
 
     numerical: Substructure
     physical: Substructure

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import ConvergenceError, InputError
 from structid.inference.assessment.parameter_drift import ParameterDrift
 from structid.inference.likelihood.discrepancy import ErrorLaw
 from structid.inference.likelihood.drifting import Drifting
@@ -149,7 +150,7 @@ class LawChoice(ShownAsText):
         return "\n".join(lines)
 
 
-@names_checked
+@check_arguments
 def choose_law(
     space: ParameterSpace,
     model: Model,

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.hashing import digest
 from structid.inference.sampling.chain_store import ChainStore
 from structid.inference.sampling.ensemble import AIES
@@ -25,7 +26,7 @@ POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, corr
 """What the draws of a few chains are compared with."""
 
 
-@names_checked
+@check_arguments
 def sample(
     target: Target,
     sampler: Sampler | None = None,

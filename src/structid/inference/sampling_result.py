@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.errors import InputError, StructidWarning, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.inference.assessment import prediction as predictive
 from structid.inference.assessment.arviz_groups import LIBRARY, groups_of_draws, groups_of_measurement
@@ -136,7 +137,7 @@ class SamplingResult(ShownAsText):
         """Posterior covariance in SI, shape (parameter, parameter)."""
         return np.cov(self.flat.T).reshape(self.target.dimension, -1)
 
-    @names_checked
+    @check_arguments
     def quantile(self, p: float | np.ndarray) -> np.ndarray:
         """Quantiles of the marginals.
 
@@ -152,7 +153,7 @@ class SamplingResult(ShownAsText):
         """
         return np.asarray(np.quantile(self.flat, p, axis=0))
 
-    @names_checked
+    @check_arguments
     def thinned(self, count: int = THINNED_DRAWS) -> np.ndarray:
         """Draws taken evenly from all kept steps and walkers.
 
@@ -338,7 +339,7 @@ class SamplingResult(ShownAsText):
         )
         return residual_warnings(self.residuals, self._measured.law, ratios)
 
-    @names_checked
+    @check_arguments
     def predict(
         self, record: Excitation | None = None, channels: tuple[str, ...] | None = None, **settings: Any
     ) -> predictive.Prediction:
@@ -375,7 +376,7 @@ class SamplingResult(ShownAsText):
 
     # --- ArviZ schema -------------------------------------------------------------------------------------------
 
-    @names_checked
+    @check_arguments
     def to_datatree(self, predictions: bool = True) -> xarray.DataTree:
         """Give everything in the ArviZ schema, for ArviZ 1; ArviZ before 1 reads what `to_netcdf` writes.
 
@@ -424,7 +425,7 @@ class SamplingResult(ShownAsText):
             tree.attrs |= {"log_evidence": self.log_evidence.value, "log_evidence_error": self.log_evidence.error}
         return tree
 
-    @names_checked
+    @check_arguments
     def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
         """Write `to_datatree` to a netCDF file, whole or not at all.
 

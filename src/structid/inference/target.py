@@ -10,8 +10,9 @@ from typing import Any
 import jax
 import numpy as np
 
+from structid.arguments import check_arguments, real_array
 from structid.device import over_runs
-from structid.errors import InputError, check_choice, names_checked
+from structid.errors import InputError, check_choice
 from structid.hashing import digest, function_identity
 from structid.probability.bijections import Bijection
 from structid.probability.space import ParameterSpace
@@ -199,7 +200,7 @@ class Target(ABC):
         """Hash of everything the density depends on."""
 
 
-@names_checked
+@check_arguments
 class LogDensity(Target):
     """Any log density as a target.
 
@@ -282,9 +283,10 @@ class LogDensity(Target):
 
     def _values(self, theta: np.ndarray) -> np.ndarray:
         """What the function returns, (run,)."""
-        value = np.asarray(self._function(theta), dtype=np.float64)
+        value = real_array("LogDensity.function", self._function(theta), "log densities")
         if len(theta) == 1 and value.ndim == 0:  # SciPy's multivariate laws leave the axis of a single point out
             value = value[None]
+        value = value[:, 0] if value.shape == (len(theta), 1) else value
         if value.shape != (len(theta),):
             came = f"an array of shape {value.shape} for {len(theta)} points"
             raise InputError("LogDensity.function", came, f"shape ({len(theta)},)")

@@ -8,7 +8,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-from structid.mechanics.hysteresis import Law, degrades, hysteretic_rate
+from structid.array_module import namespace
+from structid.mechanics.hysteresis import LONGEST_STEP, Law, degrades, hysteretic_rate, known, law_rate
+from structid.mechanics.runge_kutta import Watch
 
 State = dict[str, Any]
 """``u``, ``v``, ``z`` and, where somebody needs them, the energies ``e_h``, ``e_e`` per mass; arrays (run,) or (mass, run)."""
@@ -156,6 +158,40 @@ class HystereticSystem(ABC):
         if self.needs_elastic_energy:
             slope["e_e"] = self.elastic * self.deformation(u) * deformation_rate  # [3.15]
         return slope
+
+    @abstractmethod
+    def largest_square_of_frequency(self) -> Any:
+        """Upper bound of ω² of the undamped modes with the initial stiffness [1/s²]; zero where the motion is imposed."""
+
+    def watch(self, zero: Any) -> Watch:
+        """Watch whether the integration steps are short enough for the springs.
+
+        Parameters
+        ----------
+        zero : array
+            Zeros, one for each spring.
+
+        Returns
+        -------
+        Watch
+            Of the largest |d′| and |z|, which give the largest rate of the law, `law_rate`; beside it stands the highest frequency.
+        """
+        start = {"rate": zero} if known(self.law.exponent, 1.0) else {"rate": zero, "z": zero}
+
+        def seen(watched: State, state: State, signal: Any) -> State:
+            xp = namespace(state["z"])
+            largest = {"rate": self.deformation(self.kinematics(state, signal)[1]), "z": state["z"]}
+            return {name: xp.maximum(value, xp.abs(largest[name])) for name, value in watched.items()}
+
+        def followed(state: State, watched: State, step: Any) -> Any:
+            xp = namespace(state["z"])
+            rate = law_rate(watched["rate"], watched.get("z"), state.get("e_h"), self.law)
+            length = step * xp.maximum(rate, xp.sqrt(self.largest_square_of_frequency()))
+            # Not a number where anything was not finite: then it was not followed.
+            good = length <= LONGEST_STEP
+            return good if good.ndim == 1 else good.all(axis=0)
+
+        return Watch(start, seen, followed)
 
     def channel(self, name: str, state: State, signal: Any) -> Any:
         """Value of one channel.

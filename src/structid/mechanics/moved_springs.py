@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 
 from structid.array_module import namespace
-from structid.mechanics.hysteresis import Law, hysteretic_rate
+from structid.mechanics.hysteresis import LONGEST_STEP, Law, hysteretic_rate, law_rate
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 State = dict[str, Any]
 """``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
+SHORT_STEP = 0.25
+"""Length of the pieces of a move that is too long for one step, in lengths on which the force changes."""
 NEWTON_ITERATIONS = 4
 """Towards the place where z = 0. A straight line is the first guess, so that every digit is there after three."""
 
@@ -64,6 +66,44 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
         slope = xp.where(crosses, rate(there, change)["z"], 1.0)
         share = xp.where(crosses, xp.clip(share - there["z"] / slope, 0.0, 1.0), 1.0)
     return along(along(state, share), 1.0 - share)
+
+
+def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[State, Any]:
+    """Move springs, and look whether a Runge-Kutta step can follow the law over so long a move.
+
+    Outside JAX a move that is too long is done in pieces. Inside, where their number must not depend on the parameters, it is told.
+
+    Parameters
+    ----------
+    law, hysteretic, state, change
+        As for `moved`.
+
+    Returns
+    -------
+    tuple of dict and bool or array
+        After the move; and whether it was followed, for the run or for each of many.
+    """
+    xp = namespace(state["z"])
+    if xp is np:
+        pieces = _pieces(law, state, change)
+        for _ in range(pieces):
+            state = moved(law, hysteretic, state, change / pieces)
+        return state, True
+    after = moved(law, hysteretic, state, change)
+    length = law_rate(change, xp.maximum(xp.abs(state["z"]), xp.abs(after["z"])), after["e_h"], law)
+    followed = length <= LONGEST_STEP
+    return after, followed if followed.ndim == 0 else followed.all(axis=0)
+
+
+def _pieces(law: Law, state: State, change: Any) -> int:
+    """Pieces in which a move is done: one, unless it is longer than `LONGEST_STEP` at the largest z that the law allows."""
+    largest = np.abs(state["z"]) + law.amplitude * np.abs(change)
+    both = law.beta + law.gamma
+    bounded = np.asarray(both) > 0.0
+    ultimate = (law.amplitude / np.where(bounded, both, 1.0)) ** (1.0 / np.asarray(law.exponent))
+    largest = np.where(bounded, np.minimum(largest, np.maximum(ultimate, np.abs(state["z"]))), largest)
+    length = float(np.max(law_rate(change, largest, state["e_h"], law), initial=0.0))
+    return 1 if not length > LONGEST_STEP else int(np.ceil(length / SHORT_STEP))
 
 
 def crosses_zero(before: Any, after: Any) -> Any:

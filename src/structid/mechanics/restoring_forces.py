@@ -13,11 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.array_module import namespace
-from structid.errors import InputError, StructidError, names_checked
+from structid.errors import InputError, StructidError
 from structid.hashing import digest
 from structid.mechanics.hysteresis import Law
-from structid.mechanics.moved_springs import moved
+from structid.mechanics.moved_springs import followed_by
 
 
 class CollapseError(StructidError):
@@ -164,7 +165,7 @@ class LinearForce(RestoringForce):
         return self.stiffness @ displacement, memory
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class HystereticSprings(RestoringForce):
     """Bouc-Wen-Baber-Noori springs between the degrees of freedom: r = Bᵀ k (α d + (1 − α) z) with the deformations d = B u.
@@ -253,17 +254,19 @@ class HystereticSprings(RestoringForce):
         Returns
         -------
         tuple
-            The force [N], and the memory after it.
+            The force [N], not a number where many runs are moved by more at once than the law can be followed, and the memory
+            after it.
         """
         deformation = self.deformations @ displacement
         law = Law(*(self._of_springs(value, deformation) for value in self.law))
         stiffness = self._of_springs(self.stiffness, deformation)
         per_mass = stiffness / self._of_springs(self.mass, deformation)
         springs = {"z": memory["z"], "e_h": memory["e_h"]}
-        after = moved(law, (1.0 - law.alpha) * per_mass, springs, deformation - memory["d"])
+        after, followed = followed_by(law, (1.0 - law.alpha) * per_mass, springs, deformation - memory["d"])
         # Bᵀ k [α d + (1 − α) z]                                                                      [3.13]
         force = self.deformations.T @ (stiffness * (law.alpha * deformation + (1.0 - law.alpha) * after["z"]))
-        return force, {"d": deformation, **after}
+        xp = namespace(force)
+        return xp.where(followed, force, xp.nan), {"d": deformation, **after}
 
     @staticmethod
     def _of_springs(value: Any, like: Any) -> Any:

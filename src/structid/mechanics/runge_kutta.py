@@ -3,12 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 from jax import lax
 
 from structid.mechanics.time_loop import State, TimeLoop, all_finite
+
+
+class Watch(NamedTuple):
+    """What is looked at, at every sample, to see whether the steps were short enough for the equations.
+
+    Parameters
+    ----------
+    start : tree of arrays
+        Before the first sample.
+    seen : callable
+        ``seen(watched, state, input)``: what was watched, with a sample more.
+    followed : callable
+        ``followed(state, watched, step)``: which runs were followed, (run,), from the end of the record.
+    """
+
+    start: State
+    seen: Callable[[State, State, Any], State]
+    followed: Callable[[State, State, Any], Any]
 
 
 def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tuple[Any, Any, Any], step: Any) -> State:
@@ -53,6 +71,7 @@ def runge_kutta_loop(
     stages: Any,
     dt: float,
     lead_in: int = 0,
+    watch: Watch | None = None,
 ) -> TimeLoop:
     """Integrate over a record and observe the state at every sample.
 
@@ -72,6 +91,8 @@ def runge_kutta_loop(
         Time between samples [s].
     lead_in : int
         Samples at the beginning that are not kept.
+    watch : Watch, optional
+        Which runs cannot be used because the steps were too long for them.
 
     Returns
     -------
@@ -94,4 +115,16 @@ def runge_kutta_loop(
             state, _ = lax.scan(substep, state, row)
         return state, seen
 
-    return TimeLoop(start, sample, stages, lead_in, all_finite)
+    if watch is None:
+        return TimeLoop(start, sample, stages, lead_in, all_finite)
+
+    def watched_sample(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], Any]:
+        state, watched = carried
+        watched = watch.seen(watched, state, inputs_of(row[0])[0])
+        state, seen = sample(state, row)
+        return (state, watched), seen
+
+    def usable(carried: tuple[State, State]) -> Any:
+        return all_finite(carried) & watch.followed(*carried, step)
+
+    return TimeLoop((start, watch.start), watched_sample, stages, lead_in, usable)

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, names_checked, suggestion
+from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.hashing import digest
 from structid.keys import quantity
@@ -58,7 +59,7 @@ _REQUIRED = ("mass", "stiffness", "alpha", "beta")
 _EITHER = (("gamma", "gamma_ratio"), ("damping_ratio", "damping"))
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class BoucWen(TraceableModel):
     """Oscillator with a Bouc-Wen-Baber-Noori spring (degradation by absorbed energy, pinching).
@@ -164,7 +165,7 @@ class BoucWen(TraceableModel):
                 raise InputError(
                     f"BoucWen.{name}",
                     "it has no value and is not free",
-                    f"a number in {PARAMETER_UNITS[name] or '-'}, or its name in free",
+                    f"a number{f' in {PARAMETER_UNITS[name]}' if PARAMETER_UNITS[name] else ''}, or its name in free",
                 )
         for name in (*_REQUIRED, *(n for pair in _EITHER for n in pair)):
             if name in self.free and getattr(self, name) is not None:
@@ -264,14 +265,16 @@ class BoucWen(TraceableModel):
             Of the equations of motion.
         """
         equations = OscillatorEquations(self._values(theta), self.channels, excitation.kind)
+        each = theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])
         return runge_kutta_loop(
             equations.rate,
             equations.inputs(excitation.dt / self.substeps),
             equations.observe,
-            equations.initial_state(theta[:, 0] if theta.shape[1] else jnp.zeros(theta.shape[0])),
+            equations.initial_state(each),
             excitation.stages,
             excitation.dt,
             excitation.dropped_samples,
+            equations.watch(jnp.zeros_like(each)),
         )
 
     def static_force(self, theta: Any) -> HystereticSprings:
@@ -373,9 +376,9 @@ class BoucWen(TraceableModel):
         return replace(self, free=tuple(n for n in self.free if n not in values), **values)  # type: ignore[arg-type]
 
     @property
-    def loop_channels(self) -> tuple[str, str, str]:
+    def loop_channels(self) -> dict[str, tuple[str, str, str]]:
         """Displacement, force and absorbed energy of the spring."""
-        return ("displacement", "restoring_force", "absorbed_energy")
+        return {"": ("displacement", "restoring_force", "absorbed_energy")}
 
     @property
     def kind_in_words(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Any
 
@@ -95,7 +96,7 @@ class DriftingModel(TraceableModel):
         return self.model.channel_units
 
     @property
-    def loop_channels(self) -> tuple[str, str, str] | None:
+    def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
         """Those of the model."""
         return self.model.loop_channels
 

@@ -9,8 +9,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import ChannelUnit, standard_unit
-from structid.errors import InputError, names_checked, suggestion
+from structid.errors import InputError, suggestion
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.models.derived_quantity import DerivedQuantity
@@ -134,12 +135,13 @@ class Model(ABC):
         return {channel: standard_unit(channel) for channel in self.channels}
 
     @property
-    def loop_channels(self) -> tuple[str, str, str] | None:
-        """Displacement, force and absorbed energy of the spring whose hysteresis loop is worth looking at.
+    def loop_channels(self) -> Mapping[str, tuple[str, str, str]]:
+        """Displacement, force and absorbed energy of every spring whose hysteresis loop is worth looking at, by its name.
 
-        None for a model that records no such loop. Other models can be asked for these channels with `recording`.
+        A model's only spring has an empty name. There are none for a model that records no such loop. The channels can be asked for
+        with `recording`.
         """
-        return None
+        return {}
 
     @property
     def kind_in_words(self) -> str:
@@ -193,7 +195,7 @@ class Model(ABC):
         """
         return self
 
-    @names_checked
+    @check_arguments
     def recording(self, *channels: str) -> Model:
         """Return this model with other channels.
 
@@ -220,7 +222,7 @@ class Model(ABC):
             f"what this {type(self).__name__} records: {', '.join(self.channels)}",
         )
 
-    @names_checked
+    @check_arguments
     def simulate(
         self,
         design: Design | np.ndarray,
@@ -341,6 +343,7 @@ class Model(ABC):
     def content_hash(self) -> str:
         """Hash of everything a response depends on besides parameters and excitation."""
 
+    @check_arguments
     def parameters(self, design: Design | np.ndarray) -> np.ndarray:
         """Check a design against the free parameters and bring its columns into their order.
 

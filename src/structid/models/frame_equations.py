@@ -92,6 +92,11 @@ class FrameEquations(HystereticSystem):
         """
         return self.with_energies({"u": zero, "v": zero, "z": zero}, zero)
 
+    def largest_square_of_frequency(self) -> Any:
+        """Gershgorin's bound max 2 (k_j + k_(j+1))/m_j; see `HystereticSystem.largest_square_of_frequency`."""
+        above = jnp.concatenate([self.stiffness[1:], jnp.zeros_like(self.stiffness[:1])])
+        return (2.0 * (self.stiffness + above) / self.mass).max(axis=0)
+
     def deformation(self, motion: Any) -> Any:
         """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`.
 

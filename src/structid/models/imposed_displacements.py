@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
+from structid.arguments import check_arguments
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, Excitation, RotationHistory
 from structid.hashing import digest
 from structid.mechanics.carried_over import InPieces
@@ -40,7 +41,7 @@ def force_channels(units: Sequence[str]) -> tuple[str, ...]:
     return tuple(f"{'moment' if unit == 'rad' else 'restoring_force'}_{k}" for k, unit in enumerate(units, start=1))
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class ImposedDisplacements(TraceableModel):
     """A model's structure under imposed displacements, without inertia and dashpots.
@@ -67,6 +68,8 @@ class ImposedDisplacements(TraceableModel):
     >>> print(f"{forces.values.max() / 1e3:.1f} kN")
     64.1 kN
     """
+
+    hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"
 
     model: TraceableModel
     pieces: int = 10

@@ -30,7 +30,8 @@ class OscillatorEquations(HystereticSystem):
         law = Law(**{name: values[name] for name in Law._fields})
         super().__init__(law, values["mass"], values["stiffness"], kind, set(channels))
         self.values, self.channels = values, channels
-        self.viscous = self._viscous(values["stiffness"] / values["mass"])
+        self.omega_squared = values["stiffness"] / values["mass"]
+        self.viscous = self._viscous(self.omega_squared)
         self.driven = kind == "displacement"
 
     def _viscous(self, omega_squared: Any) -> Any:
@@ -100,6 +101,10 @@ class OscillatorEquations(HystereticSystem):
         """
         imposed: tuple[Any, Any] = signal
         return imposed if self.driven else (state["u"], state["v"])
+
+    def largest_square_of_frequency(self) -> Any:
+        """ω²; see `HystereticSystem.largest_square_of_frequency`."""
+        return 0.0 * self.omega_squared if self.driven else self.omega_squared
 
     def deformation(self, motion: Any) -> Any:
         """The spring deforms as the mass moves; see `HystereticSystem.deformation`.

@@ -8,9 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import check_channels
 from structid.device import jnp
-from structid.errors import InputError, check_choice, names_checked
+from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.hashing import digest
 from structid.keys import Fraction, quantity
@@ -72,7 +73,7 @@ STOREY_CHANNELS = (
 Storeys = float | Sequence[float] | None
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class ShearFrame(TraceableModel):
     """Shear frame: floor masses joined by hysteretic springs, fixed at the base.
@@ -192,8 +193,17 @@ class ShearFrame(TraceableModel):
         numbered = all(f"{name}_{j}" in self.free for j in self._numbers)
         return numbered or name in self.free or getattr(self, name) is not None
 
+    def _check_every_storey(self, name: str) -> None:
+        """Refuse a parameter that is free in some storeys and has no value for the others."""
+        numbered = [n for n in self.free if n in {f"{name}_{j}" for j in self._numbers}]
+        if numbered and not self._given(name):
+            raise InputError(
+                f"ShearFrame.{name}", f"only {', '.join(numbered)} free", "a value or a prior for every storey"
+            )
+
     def _check_complete(self) -> None:
         for name in ("mass", "stiffness", "alpha", "beta"):
+            self._check_every_storey(name)
             if not self._given(name):
                 raise InputError(
                     f"ShearFrame.{name}", "it has no value and is not free", "numbers, or its name in free"
@@ -205,11 +215,7 @@ class ShearFrame(TraceableModel):
                 "exactly one of the two, for all storeys",
             )
         for name in STOREY_PARAMETERS:
-            numbered = [n for n in self.free if n in {f"{name}_{j}" for j in self._numbers}]
-            if numbered and not self._given(name):
-                raise InputError(
-                    f"ShearFrame.{name}", f"only {', '.join(numbered)} free", "a value or a prior for every storey"
-                )
+            self._check_every_storey(name)
         pinched = self._named("zeta0") and (self.zeta0 != 0.0 or any(n.startswith("zeta0") for n in self.free))
         if pinched and any(np.min(getattr(self, n)) <= 0.0 and n not in self.free for n in ("p", "psi0", "lambda_")):
             raise InputError(
@@ -340,6 +346,7 @@ class ShearFrame(TraceableModel):
             excitation.stages,
             excitation.dt,
             excitation.dropped_samples,
+            equations.watch(zero),
         )
 
     @property
@@ -351,9 +358,9 @@ class ShearFrame(TraceableModel):
         )
 
     @property
-    def loop_channels(self) -> tuple[str, str, str]:
-        """Of the first storey, which carries the base shear."""
-        return ("drift_1", "restoring_force_1", "absorbed_energy_1")
+    def loop_channels(self) -> dict[str, tuple[str, str, str]]:
+        """Drift, shear and absorbed energy of every storey."""
+        return {f"storey {j}": (f"drift_{j}", f"restoring_force_{j}", f"absorbed_energy_{j}") for j in self._numbers}
 
     @property
     def kind_in_words(self) -> str:

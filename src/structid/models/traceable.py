@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -172,6 +173,8 @@ class TraceableModel(Model):
         Whether a response is a loop over time, which XLA runs on one core, so that batches are shared out over the cores.
     own_records : bool
         Whether it knows the response only to certain records, as a surrogate may.
+    hint_where_not_finite : str
+        What is added to the reason of a run that leaves the finite range: what may be done about it.
     substeps : int
         Integration steps per sample.
     """
@@ -180,6 +183,7 @@ class TraceableModel(Model):
     batched: ClassVar[bool] = True
     loops: ClassVar[bool] = True
     own_records: ClassVar[bool] = False
+    hint_where_not_finite: ClassVar[str] = ""
     substeps: int
 
     @property
@@ -232,7 +236,7 @@ class TraceableModel(Model):
         Returns
         -------
         tuple of jax.Array
-            Values (time, channel, run), and whether the state stayed finite to the end (run,).
+            Values (time, channel, run), and which runs can be used (run,): their state stayed finite, and was followed.
         """
         loop = self.time_loop(theta, excitation)
         if loop is None:
@@ -322,7 +326,7 @@ class TraceableModel(Model):
         -------
         Histories
             ``values[run, time, channel]`` in SI. A run whose state leaves the finite range is `Status.DIVERGED`: it
-            has its time of failure, and NaN from there on.
+            has its time of failure, and NaN from there on. So is one whose integration steps are too long; it has no values.
         """
         traced, parts = self.traced(excitation), []
         for start in range(0, len(theta), LARGEST_BATCH):
@@ -332,7 +336,16 @@ class TraceableModel(Model):
         # [time, channel, run] in memory, seen as [run, time, channel] without a copy.
         values = np.moveaxis(_joined([p[0] for p in parts]), 2, 0)
         finite = _joined([p[1] for p in parts])
-        return _with_status(values, finite, excitation, self.channel_units)
+        too_long = functools.partial(self._too_long, excitation)
+        return _with_status(values, finite, excitation, self.channel_units, too_long, self.hint_where_not_finite)
+
+    def _too_long(self, excitation: Excitation) -> str:
+        """Say of a run that stayed finite, and cannot be used, what is wrong."""
+        steps = self.steps_in_sample(excitation)
+        return (
+            f"the integration step, {excitation.dt / steps:.3g} s ({steps} in a sample), is too long for the stiffness or the "
+            "hysteretic law; give more substeps, or a finer record"
+        )
 
     @cached_property
     def _compiled_response(self) -> Callable[..., Any]:
@@ -373,15 +386,21 @@ def _joined(parts: list[np.ndarray]) -> np.ndarray:
 
 
 def _with_status(
-    values: np.ndarray, finite: np.ndarray, excitation: Excitation, units: dict[str, ChannelUnit]
+    values: np.ndarray,
+    usable: np.ndarray,
+    excitation: Excitation,
+    units: dict[str, ChannelUnit],
+    too_long: Callable[[], str],
+    hint: str,
 ) -> Histories:
-    """Mark the runs whose state left the finite range, and blank what comes after."""
+    """Mark the runs that cannot be used: whose state left the finite range, or whose steps were too long to follow the law."""
     time, reasons = np.full(len(values), np.nan), [""] * len(values)
-    for run in np.flatnonzero(~finite):
+    for run in np.flatnonzero(~usable):
         good = np.isfinite(values[run]).all(axis=1)
-        first_bad = len(good) if good.all() else int(np.argmin(good))
+        # Where the steps were too long, it is not known from when on the history is wrong.
+        first_bad = 0 if good.all() else int(np.argmin(good))
         values[run, first_bad:] = np.nan
-        time[run] = min(first_bad, len(good) - 1) * excitation.dt
-        reasons[run] = f"not finite from {time[run]:g} s on"
-    status = np.where(finite, Status.DONE, Status.DIVERGED)
+        time[run] = first_bad * excitation.dt
+        reasons[run] = too_long() if good.all() else f"not finite from {time[run]:g} s on{hint}"
+    status = np.where(usable, Status.DONE, Status.DIVERGED)
     return Histories(values, excitation.dt, tuple(units), status, time, excitation.name, tuple(reasons), units)

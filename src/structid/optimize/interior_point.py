@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
@@ -37,7 +37,7 @@ class _Iterate:
     finished: bool = False
 
 
-@names_checked
+@check_arguments
 def interior_point(
     objective: Objective,
     bounds: dict[str, tuple[float, float]] | None = None,

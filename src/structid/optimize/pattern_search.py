@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 
@@ -33,7 +33,7 @@ class _Search:
     lengths: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-@names_checked
+@check_arguments
 def pattern_search(
     objective: Objective,
     bounds: dict[str, tuple[float, float]] | None = None,

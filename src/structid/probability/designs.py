@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.streams import Purpose, stream
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ class Design:
         """
         return np.asarray(self.space.columns(self.values, names))
 
-    @names_checked
+    @check_arguments
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
         """Write the points in display units, one column for each parameter.
 

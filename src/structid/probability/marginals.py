@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.probability.truncation import Marginal, out_of_order
 
 __all__ = ["Beta", "Frozen", "Gamma", "Gumbel", "LogNormal", "Marginal", "Normal", "Uniform", "Weibull"]
@@ -33,7 +34,7 @@ def _bounds(low: float | None, high: float | None) -> tuple[float, float]:
     return (-np.inf if low is None else float(low)), (np.inf if high is None else float(high))
 
 
-@names_checked
+@check_arguments
 def Uniform(low: float, high: float, unit: str = "") -> Marginal:
     """Uniform distribution on [low, high].
 
@@ -60,7 +61,7 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
     return Marginal("Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit)
 
 
-@names_checked
+@check_arguments
 def Normal(mean: float, sd: float, low: float | None = None, high: float | None = None, unit: str = "") -> Marginal:
     """Normal distribution, optionally truncated.
 
@@ -83,7 +84,7 @@ def Normal(mean: float, sd: float, low: float | None = None, high: float | None 
     return Marginal("Normal", scipy.stats.norm(mean, sd), "Normal", parameters, *_bounds(low, high), unit)
 
 
-@names_checked
+@check_arguments
 def LogNormal(
     mean: float | None = None,
     sd: float | None = None,
@@ -125,7 +126,7 @@ def LogNormal(
     return Marginal("LogNormal", base, "LogNormal", {"loc": log_mean, "scale": log_sd}, *_bounds(low, high), unit)
 
 
-@names_checked
+@check_arguments
 def Gamma(
     mean: float | None = None,
     sd: float | None = None,
@@ -165,7 +166,7 @@ def Gamma(
     return Marginal("Gamma", scipy.stats.gamma(shape, scale=1 / rate), "Gamma", parameters, *_bounds(low, high), unit)
 
 
-@names_checked
+@check_arguments
 def Beta(
     mean: float | None = None,
     sd: float | None = None,
@@ -207,7 +208,7 @@ def Beta(
     return Marginal("Beta", scipy.stats.beta(a, b), "Beta", parameters, *_bounds(low, high), unit)
 
 
-@names_checked
+@check_arguments
 def Weibull(
     mean: float | None = None,
     sd: float | None = None,
@@ -262,7 +263,7 @@ def _weibull_of_moments(mean: float, sd: float) -> tuple[float, float]:
     return shape, mean / float(scipy.special.gamma(1 + 1 / shape))
 
 
-@names_checked
+@check_arguments
 def Gumbel(
     mean: float | None = None,
     sd: float | None = None,
@@ -303,7 +304,7 @@ def Gumbel(
     return Marginal("Gumbel", scipy.stats.gumbel_r(location, scale), "Gumbel", parameters, *_bounds(low, high), unit)
 
 
-@names_checked
+@check_arguments
 def Frozen(distribution: Any, low: float | None = None, high: float | None = None, unit: str = "") -> Marginal:
     """Any frozen continuous distribution of SciPy, optionally truncated.
 

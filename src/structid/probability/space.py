@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked, suggestion
+from structid.arguments import COORDINATES, check_arguments, check_name
+from structid.errors import InputError, suggestion
 from structid.hashing import digest, function_identity
 from structid.notebook import ShownAsText
 from structid.probability import copula
@@ -20,6 +21,7 @@ from structid.probability.truncation import Marginal
 from structid.units import factor
 
 
+@check_arguments
 class ParameterSpace(ShownAsText):
     """The unknown parameters: names, prior distributions, correlation, and parameters derived from others.
 
@@ -56,6 +58,8 @@ class ParameterSpace(ShownAsText):
                 "ParameterSpace", "priors in a dictionary or a list", "priors by name: ParameterSpace(stiffness=Normal(…), …)",
                 "A dictionary of them is unpacked: ParameterSpace(**priors).",
             )  # fmt: skip
+        for name in (*marginals, *(derived or {}), *(coordinates or {})):
+            check_name("ParameterSpace", name, COORDINATES)
         for name, marginal in marginals.items():
             if not isinstance(marginal, Marginal):
                 scipys = getattr(getattr(marginal, "dist", None), "name", "")
@@ -255,7 +259,6 @@ class ParameterSpace(ShownAsText):
 
         return jnp.stack([jnp.broadcast_to(c, theta.shape[:-1]) for c in columns], axis=-1)
 
-    @names_checked
     def sample(self, count: int, seed: int, method: str = "latin_hypercube", widen: float = 1.0) -> Design:
         """Draw a design from the prior, or from a wider one.
 

@@ -187,7 +187,15 @@ class Marginal:
 
     @functools.cached_property
     def _numpyro(self) -> Any:
-        return getattr(distributions(), self.numpyro_name)(**self.numpyro_parameters)
+        import jax
+
+        # It may be made while JAX traces something: what NumPyro computes of the parameters must not become a part of that.
+        with jax.ensure_compile_time_eval():
+            return getattr(distributions(), self.numpyro_name)(**self.numpyro_parameters)
+
+    def __getstate__(self) -> dict[str, Any]:
+        # What NumPyro makes of the parameters is made again elsewhere.
+        return {name: value for name, value in self.__dict__.items() if name != "_numpyro"}
 
     def jax_log_density(self, x: Any) -> Any:
         """Log density inside JAX, with gradients.

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.histories import Histories
 
 
-@names_checked
+@check_arguments
 def first_passage(histories: Histories, channel: str, limit: float) -> np.ndarray:
     """Find when the absolute value of a channel first exceeds a limit, on the straight line between two samples.
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, Status, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, Status
 from structid.ground_motion.record import GroundMotion
 from structid.hashing import digest
 from structid.inference.assessment.parameter_drift import ParameterDrift
@@ -188,7 +189,7 @@ class Fragility(ShownAsText):
         return "\n".join(lines)
 
 
-@names_checked
+@check_arguments
 def fragility(
     posterior: Posterior,
     draws: np.ndarray,

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.notebook import ShownAsText
 from structid.reliability.passage_probability import (
     LEAST,
@@ -107,7 +108,7 @@ class ParameterStudy(ShownAsText):
         return "\n".join(lines)
 
 
-@names_checked
+@check_arguments
 def parameter_study(
     runs: Runs,
     channel: str,

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.notebook import ShownAsText
 from structid.probability.space import ParameterSpace
 from structid.reliability.passages import Passages
@@ -124,7 +125,7 @@ def coordinates_of(space: ParameterSpace, theta: np.ndarray) -> np.ndarray:
     return np.asarray(space.in_coordinates(theta)) if space.coordinates else theta
 
 
-@names_checked
+@check_arguments
 def passage_probability(passages: Passages, degrees: Sequence[int] = DEGREES) -> PassageProbability:
     """Fit the probability of a passage to runs.
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, Status, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, Status, check_choice
 from structid.notebook import ShownAsText
 from structid.probability.designs import Design
 from structid.reliability.first_passage import first_passage
@@ -18,7 +19,7 @@ PAIRS = 2000
 """Runs of which every pair is compared."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Passages(ShownAsText):
     """First passages of a limit over a design.
@@ -121,7 +122,7 @@ class Passages(ShownAsText):
         return f"Passages of {self.channel} over {self.limit:g}: {self.passed.sum()} of {len(self)} runs ({p:.1%} ± {error:.1%})"
 
 
-@names_checked
+@check_arguments
 def passages(runs: Runs, channel: str, limit: float) -> Passages:
     """Find the first passages of runs; the failure of a structure counts as one.
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import scipy
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.notebook import ShownAsText
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
@@ -67,7 +69,7 @@ class Sensitivity(ShownAsText):
         return "\n".join(lines)
 
 
-@names_checked
+@check_arguments
 def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None, seed: int = 0) -> Sensitivity:
     """Find on which parameters a quantity depends.
 
@@ -97,14 +99,38 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
         raise InputError(
             "sensitivity", "correlated parameters", "independent ones", "Sobol' indices are of independent parameters."
         )
+    values = np.asarray(values, dtype=np.float64)
+    if values.shape != (len(design.values),):
+        raise InputError(
+            "sensitivity(values)",
+            f"an array of shape {values.shape} for {len(design.values)} runs",
+            f"shape ({len(design.values)},): one value for each run",
+            "A run without a value has NaN.",
+        )
     known = np.flatnonzero(np.isfinite(values))
     chosen = PCE(degree=tuple(range(1, 9))) if settings is None else settings
-    fitted = fitted_in_coordinates(design[known], lambda points: chosen.fit(points, np.asarray(values)[known]))
+    fitted = fitted_in_coordinates(design[known], lambda points: chosen.fit(points, values[known]))
 
     def predicted(theta: np.ndarray) -> np.ndarray:
         return np.asarray(fitted.predict(np.asarray(theta)))[:, 0]
 
     rng = stream(seed, Purpose.SENSITIVITY)
+    first, total, first_error, total_error = _sobol_indices(predicted, space, rng)
+    theta = space.from_uniform(rng.uniform(size=(4 * POINTS, space.dimension)))
+    value, coordinates = predicted(theta), coordinates_of(space, theta)
+    alone = np.array([_alone(column, value) for column in coordinates.T])
+    return Sensitivity(
+        space.names, first, total, first_error, total_error,
+        coordinate_names(space), alone, float(fitted.leave_one_out_error[0]), fitted,
+    )  # fmt: skip
+
+
+def _sobol_indices(
+    predicted: Callable[[np.ndarray], np.ndarray], space: ParameterSpace, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """First-order and total indices, and half-widths of their 95 % intervals, each (parameter,)."""
+    if space.dimension == 1:  # all of the variance is the one parameter's; SciPy's estimator needs two
+        return np.ones(1), np.ones(1), np.zeros(1), np.zeros(1)
     indices = scipy.stats.sobol_indices(
         func=lambda u: predicted(space.from_uniform(u.T))[None],
         n=POINTS,
@@ -115,13 +141,7 @@ def sensitivity(design: Design, values: np.ndarray, settings: PCE | None = None,
         warnings.simplefilter("ignore")  # of an index that is 0 in every resample
         spread = indices.bootstrap(confidence_level=0.95, n_resamples=199)
     first_error, total_error = (_half_width(found) for found in (spread.first_order, spread.total_order))
-    theta = space.from_uniform(rng.uniform(size=(4 * POINTS, space.dimension)))
-    value, coordinates = predicted(theta), coordinates_of(space, theta)
-    alone = np.array([_alone(column, value) for column in coordinates.T])
-    return Sensitivity(
-        space.names, np.ravel(indices.first_order), np.ravel(indices.total_order), first_error, total_error,
-        coordinate_names(space), alone, float(fitted.leave_one_out_error[0]), fitted,
-    )  # fmt: skip
+    return np.ravel(indices.first_order), np.ravel(indices.total_order), first_error, total_error
 
 
 def _half_width(found: Any) -> np.ndarray:

@@ -20,13 +20,13 @@ class ComparedClass:
         Its evidence, and how well it predicts.
     material : PosteriorMaterial
         What its calibration has left.
-    prediction : Prediction
-        Of the first measurement.
+    predictions : tuple of Prediction
+        Of each observation.
     """
 
     figures: ModelClass
     material: PosteriorMaterial
-    prediction: Prediction
+    predictions: tuple[Prediction, ...]
 
     @property
     def name(self) -> str:
@@ -63,6 +63,6 @@ class ComparisonMaterial:
         return [one.name for one in self.classes]
 
     @property
-    def observation(self) -> Observation:
-        """The first measurement."""
-        return self.classes[0].material.observations[0]
+    def observations(self) -> tuple[Observation, ...]:
+        """What was measured, the same for all classes."""
+        return self.classes[0].material.observations

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
+from structid.arguments import check_arguments
 from structid.calibration.calibration_result import CalibrationResult
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
@@ -24,7 +25,7 @@ DRAWS = 400
 """Draws of the bands."""
 
 
-@names_checked
+@check_arguments
 def write_report(
     result: CalibrationResult | SamplingResult,
     folder: str | os.PathLike[str],

@@ -160,11 +160,13 @@ class PosteriorMaterial(RunsMaterial):
         return "" if len(self.observations) == 1 else f"_{index + 1}"
 
     @cached_property
-    def true_loops(self) -> tuple[np.ndarray | None, ...]:
-        """For each observation displacement, force and energy of the true model (time, channel), or None."""
+    def true_loops(self) -> tuple[dict[str, np.ndarray], ...]:
+        """For each observation the loops of the true model by its springs' names, each (time, 3); empty where it is not known."""
         return tuple(
-            None if truth is None else _first(simulated_loops(truth, np.zeros((1, 0)), observation.record))
-            for truth, observation in zip(self.truths, self.observations, strict=True)
+            {}
+            if truth is None
+            else {name: loop[0] for name, loop in simulated_loops(truth, np.zeros((1, 0)), o.record).items()}
+            for truth, o in zip(self.truths, self.observations, strict=True)
         )
 
     def completed(self, theta: np.ndarray) -> np.ndarray:
@@ -183,13 +185,13 @@ class PosteriorMaterial(RunsMaterial):
         return np.concatenate([theta, self.best[len(theta) :]])
 
 
-def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) -> np.ndarray | None:
-    """Simulate the channels of a model's hysteresis loop.
+def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) -> dict[str, np.ndarray]:
+    """Simulate the hysteresis loops of a model.
 
     Parameters
     ----------
     model : Model
-        Any; one that records no loop gives None.
+        Any; one that records no loop gives none.
     parameters : ndarray, shape (run, parameter)
         In SI, in the order of `Model.free`.
     record : Excitation
@@ -197,12 +199,12 @@ def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) ->
 
     Returns
     -------
-    ndarray, shape (run, time, 3), or None
-        Displacement, force and absorbed energy in SI.
+    dict of str to ndarray, shape (run, time, 3)
+        Displacement, force and absorbed energy in SI, by the names of the springs.
     """
-    channels = model.loop_channels
-    return None if channels is None else model.recording(*channels).simulate(parameters, record).values
-
-
-def _first(found: np.ndarray | None) -> np.ndarray | None:
-    return None if found is None else found[0]
+    loops = model.loop_channels
+    if not loops:
+        return {}
+    histories = model.recording(*(channel for own in loops.values() for channel in own)).simulate(parameters, record)
+    columns = {name: [histories.channels.index(channel) for channel in own] for name, own in loops.items()}
+    return {name: histories.values[:, :, own] for name, own in columns.items()}

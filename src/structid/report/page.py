@@ -197,14 +197,18 @@ def write_comparison(material: ComparisonMaterial, folder: Path, progress: Progr
         The page.
     """
     believed, further = comparison_headline(material)
-    observation, count = material.observation, len(material.classes)
-    channels, title = ", ".join(observation.channels), " or ".join(material.names)
+    observations, count = material.observations, len(material.classes)
+    channels, records = (
+        ", ".join(dict.fromkeys(names))
+        for names in ((c for o in observations for c in o.channels), (o.record.name for o in observations))
+    )
+    title = " or ".join(material.names)
     return _write(
         "comparison.html",
         folder,
         page=COMPARISON_PAGE,
         title=f"{title[:1].upper()}{title[1:]}?",
-        sentence=f"{count} model classes of the measured {channels} on {observation.record.name}.",
+        sentence=f"{count} model classes of the measured {channels} on {records}.",
         verdict=material.comparison.verdict,
         believed=believed,
         further=further,

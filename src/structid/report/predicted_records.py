@@ -60,7 +60,8 @@ class PredictedRecord:
     @property
     def channels(self) -> tuple[str, ...]:
         """What is predicted: what was measured, unless the study says otherwise."""
-        return self._material.predicted_channels or self._material.observations[0].channels
+        measured = dict.fromkeys(channel for o in self._material.observations for channel in o.channels)
+        return self._material.predicted_channels or tuple(measured)
 
     @cached_property
     def _posterior(self) -> Posterior:

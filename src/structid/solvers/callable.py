@@ -7,7 +7,8 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.hashing import digest, function_identity
 from structid.solvers.external import ExternalModel
@@ -17,7 +18,7 @@ SolverFunction = Callable[..., Any]
 """``f(parameters, record) -> histories``, or ``f(parameters, record, seed)``."""
 
 
-@names_checked
+@check_arguments
 class CallableModel(ExternalModel):
     """A Python function as a model.
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, cast
 
 import numpy as np
 
+from structid.arguments import check_name
 from structid.channels import ChannelUnit, declared_unit, standard_unit
 from structid.errors import InputError, check_choice
 from structid.ground_motion.excitation import Excitation
@@ -61,6 +62,9 @@ class ExternalModel(Model):
         self.version = version
         self.free = (free,) if isinstance(free, str) else tuple(free)
         self.channels = (channels,) if isinstance(channels, str) else tuple(channels)
+        for what, names in (("free", self.free), ("channels", self.channels)):
+            for name in names:
+                check_name(f"{type(self).__name__}.{what}", name)
         if len(set(self.channels)) < len(self.channels) or not self.channels:
             raise InputError(f"{type(self).__name__}.channels", f"{list(self.channels)}", "one name or more, each once")
         if time_limit is not None and not time_limit > 0:

@@ -18,8 +18,9 @@ from typing import Any
 import jinja2
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import declared_unit
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.hashing import digest
 from structid.reasons import with_words
@@ -30,7 +31,7 @@ from structid.solvers.watchdog import LAST_WORDS
 from structid.units import factor
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class OutputFile:
     """Where a program leaves its histories.
@@ -60,7 +61,7 @@ class OutputFile:
             declared_unit(channel, unit)
 
 
-@names_checked
+@check_arguments
 class ProgramModel(ExternalModel):
     """A program as a model: each run is done in a scratch folder of its own.
 

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import Status
+from structid.arguments import real_array
+from structid.errors import InputError, Status
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.solvers.protocol import Outcome
@@ -95,14 +96,20 @@ def _columns(result: Any, channels: tuple[str, ...]) -> np.ndarray:
         missing = [c for c in channels if c not in result]
         if missing:
             raise KeyError(f"there is no '{missing[0]}' among the returned {', '.join(map(str, result)) or 'nothing'}")
-        parts = [np.asarray(result[c], dtype=np.float64).ravel() for c in channels]
+        parts = [_real(f"its channel '{c}' holds", result[c]).ravel() for c in channels]
         if len({len(p) for p in parts}) > 1:
             raise ValueError(f"its channels have {', '.join(str(len(p)) for p in parts)} rows")
         return np.column_stack(parts)
-    if np.iscomplexobj(result):
-        raise TypeError("it returned complex numbers")
-    array = np.asarray(result, dtype=np.float64)
+    array = _real("it returned", result)
     array = array[:, None] if array.ndim == 1 else array
     if array.ndim != 2 or array.shape[1] != len(channels):
         raise ValueError(f"it returned an array of shape {np.shape(result)}")
     return array
+
+
+def _real(what: str, value: Any) -> np.ndarray:
+    """Numbers of a result; a `ValueError` that says in a reason's words what came instead."""
+    try:
+        return real_array(what, value)
+    except InputError as problem:
+        raise ValueError(f"{what} {problem.came}") from None

@@ -15,7 +15,8 @@ from unittest.mock import patch
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.hashing import digest
 from structid.models.face import Model
@@ -24,7 +25,7 @@ from structid.solvers.external import ExternalModel
 from structid.solvers.protocol import SolverError, Task
 
 
-@names_checked
+@check_arguments
 class UMBridgeModel(ExternalModel):
     """A model that a UM-Bridge server offers.
 

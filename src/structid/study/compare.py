@@ -11,11 +11,12 @@ import numpy as np
 
 from structid.errors import InputError, StructidWarning
 from structid.inference.assessment.comparison import Comparison, ModelClass, leave_out
-from structid.inference.assessment.prediction import predict
+from structid.inference.assessment.prediction import Prediction, predict
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling.sampler import Evidence
 from structid.inference.sampling.tempered import SMC
+from structid.observation import Observation
 from structid.report.comparison_material import ComparedClass, ComparisonMaterial
 from structid.report.page import write_comparison
 from structid.study.folder import IDENTITY
@@ -124,19 +125,29 @@ def _compared(path: Path, name: str, outcome: StudyOutcome) -> ComparedClass:
     result, material = outcome.result, outcome.material
     assert result is not None and material is not None
     posterior = material.posterior
-    prediction = predict(posterior, result.thinned(PREDICTED), seed=result.seed, scaled=False)
-    low, high = prediction.band(0.9, discrepancy=True)
-    values = posterior.observations[0].values
+    predictions = tuple(
+        predict(posterior, result.thinned(PREDICTED), seed=result.seed, scaled=False, observation=index)
+        for index in range(len(posterior.observations))
+    )
     figures = ModelClass(
         name,
         _evidence(path, outcome),
         leave_out(posterior, result.thinned(PREDICTED if posterior.costs_runs else DRAWS)),
         posterior.dimension,
         result.verdict().unexplained,
-        float(np.mean((values >= low) & (values <= high))),
+        _share_inside(posterior.observations, predictions),
         outcome.trusted,
     )
-    return ComparedClass(figures, material, prediction)
+    return ComparedClass(figures, material, predictions)
+
+
+def _share_inside(observations: Sequence[Observation], predictions: Sequence[Prediction]) -> float:
+    """Share of all measured values inside their 90 % bands."""
+    inside = []
+    for observation, prediction in zip(observations, predictions, strict=True):
+        low, high = prediction.band(0.9, discrepancy=True)
+        inside.append(((observation.values >= low) & (observation.values <= high)).ravel())
+    return float(np.mean(np.concatenate(inside)))
 
 
 def _evidence(path: Path, outcome: StudyOutcome) -> Evidence | None:

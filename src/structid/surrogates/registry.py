@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.surrogates import storage
 from structid.surrogates.face import Surrogate
 from structid.surrogates.kind import SurrogateKind
@@ -24,7 +24,7 @@ DEFAULT: SurrogateKind = pod_kriging.KIND
 """What a calibration uses by default."""
 
 
-@names_checked
+@check_arguments
 def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
     """Read a surrogate that `Surrogate.save` wrote.
 

@@ -136,7 +136,7 @@ def test_simulated_measurements_are_calibrated(law):
 
 @pytest.mark.parametrize(
     ("sd", "words"),
-    [(-1.0, "positive and finite"), (np.ones(7), "one for each value"), (np.nan, "positive and finite")],
+    [(-1.0, "positive and finite"), (np.ones(7), "one for each value"), (np.nan, "nan, which is no number")],
 )
 def test_wrong_sds_are_refused(sd, words):
     values, _ = measured()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Limits:
     """Limits that a certificate must meet.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,6 +12,7 @@ import numpy as np
 from structid.channels import ChannelUnit
 from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
 from structid.inference.assessment.band_scale import BandScale
 from structid.inference.assessment.error_growth import ErrorGrowth, error_growth
 from structid.inference.assessment.parameter_drift import ParameterDrift
@@ -19,6 +20,7 @@ from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Model, Progress
 from structid.notebook import ShownAsText
+from structid.observation import Observation
 from structid.streams import Purpose, stream
 from structid.units import factor
 
@@ -149,6 +151,7 @@ def predict(
     progress: Progress | None = None,
     drift: ParameterDrift | None = None,
     scaled: bool = True,
+    observation: int | None = None,
 ) -> Prediction:
     """Predict the response of draws of the parameters.
 
@@ -159,13 +162,15 @@ def predict(
     theta : ndarray, shape (draw, parameter)
         Draws in SI.
     record : Excitation, optional
-        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift are
-        those of its observation. On another record, the discrepancy of the first observation is used, but not its instrument.
+        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift of a
+        channel are those of the observation that measured it there. On another record, they are those of the first observation
+        that measured the channel, without its instrument.
         The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
         drift in another way, as far as they did on the measured one. All of it is scaled so that the measured record, predicted
         like this, is inside its 90 % band as often as the band says, in its strong and in its quiet part (`BandScale`).
     channels : tuple of str, optional
-        What to predict; what was measured when left out. Channels that were not measured have no discrepancy.
+        What to predict; when left out what was measured, by all observations of that record, or of any where it is another one.
+        Channels that were not measured have no discrepancy.
     seed : int
         Seed of the discrepancy.
     progress : callable, optional
@@ -175,13 +180,16 @@ def predict(
         itself lets them drift, its draws say so.
     scaled : bool
         Whether the errors are scaled by what their band holds of the measured record; without, they are those of the law.
+    observation : int, optional
+        Which observation to predict, from 0: its record and its channels, where several observations share a record or a channel.
 
     Returns
     -------
     Prediction
         Draws whose simulation succeeded.
     """
-    return Predictor(posterior, theta, seed, drift, scaled).on(record, channels, progress)
+    predictor = Predictor(posterior, theta, seed, drift, scaled)
+    return predictor.on(record, channels, progress, observation=observation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,6 +222,7 @@ class Predictor:
         channels: tuple[str, ...] | None = None,
         progress: Progress | None = None,
         stand_in: Model | None = None,
+        observation: int | None = None,
     ) -> Prediction:
         """Predict the response to a record.
 
@@ -227,44 +236,64 @@ class Predictor:
             Called with the number of finished runs and the total.
         stand_in : Model, optional
             A surrogate that knows that record, in the model's place. The errors that are added are the model's.
+        observation : int, optional
+            Which observation to predict.
 
         Returns
         -------
         Prediction
             Draws whose simulation succeeded.
         """
-        posterior = self.posterior
-        record = posterior.observations[0].record if record is None else record
-        prediction = self._responding(record, channels, progress, stand_in=stand_in)
-        measured = next((o for o in posterior.observations if o.record is record), None)
+        observations = self.posterior.observations
+        if observation is not None and not 0 <= observation < len(observations):
+            raise InputError("observation", f"{observation}", f"0 to {len(observations) - 1}")
+        own = observations[observation or 0].record
+        if observation is not None and record is not None and record is not own:
+            raise InputError(
+                "observation", f"{observation} and a record that is not its own", "one of the two", "Leave record out."
+            )
+        record = own if record is None else record
+        sources = Sources.of_record(observations, record, channels, observation)
+        prediction = self._responding(record, sources, progress, stand_in)
         if not self.scaled or not len(prediction.response):
             return prediction
-        if measured is not None:
-            known = tuple(c for c in measured.channels if c in prediction.channels)
-            here, there = ([own.index(c) for c in known] for own in (prediction.channels, measured.channels))
-            scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, here], record.dt)
-            whole = _scaled(prediction, scale, known, record.dt)
-            return replace(whole, response=prediction.response)  # its parameters have not been moved
+        whole = prediction
+        for index in sources.indices:
+            measured = observations[index]
+            if index in sources.here:
+                places = sources.places(index)
+                there = [measured.channels.index(sources.channels[place]) for place in places]
+                scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, places], record.dt)
+                whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have not been moved
         # The measured record once more costs an expensive model as many runs again.
-        if posterior.costs_runs:
-            return prediction
-        observation = posterior.observations[0]
-        scale, ratio = self._of_the_measured_record
-        ratios = dict(zip(observation.channels, ratio, strict=True))
-        own = np.array([ratios.get(channel, 1.0) for channel in prediction.channels])
+        if sources.here or self.posterior.costs_runs:
+            return whole
+        ratios = np.ones(len(sources.channels))
+        for index in sources.indices:
+            measured, places = observations[index], sources.places(index)
+            there = [measured.channels.index(sources.channels[place]) for place in places]
+            scale, ratio = self._of_the_measured_record(index)
+            whole = _scaled(whole, BandScale(scale.factors[:, there]), places, record.dt)
+            ratios[places] = ratio[there]
         share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
-        whole = _scaled(prediction, scale, observation.channels, record.dt)
-        return replace(whole, peak_ratio=own, peak_share=share)
+        return replace(whole, peak_ratio=ratios, peak_share=share)
+
+    def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
+        """What a prediction of an observation, made as for another record, would have held of it; the ratio of peaks."""
+        if index not in self._measured_again:
+            observation = self.posterior.observations[index]
+            another = copy.copy(observation.record)  # records are told apart by identity
+            sources = Sources(observation.channels, (index,) * len(observation.channels), frozenset())
+            prediction = self._responding(another, sources, None, instrument=True)
+            scale = BandScale.of(observation.values, prediction.observable, another.dt)
+            scaled = _scaled(prediction, scale, list(range(len(observation.channels))), another.dt)
+            ratio = _peak_ratio(observation.values, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+            self._measured_again[index] = scale, ratio
+        return self._measured_again[index]
 
     @cached_property
-    def _of_the_measured_record(self) -> tuple[BandScale, np.ndarray]:
-        """What a prediction of the first measured record, made as for another one, would have held of it; the ratio of peaks."""
-        observation = self.posterior.observations[0]
-        another = copy.copy(observation.record)  # records are told apart by identity
-        prediction = self._responding(another, None, None, instrument=True)
-        scale = BandScale.of(observation.values, prediction.observable, another.dt)
-        scaled = _scaled(prediction, scale, observation.channels, another.dt)
-        return scale, _peak_ratio(observation.values, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+    def _measured_again(self) -> dict[int, tuple[BandScale, np.ndarray]]:
+        return {}
 
     @cached_property
     def _growth_of_errors(self) -> dict[int, ErrorGrowth]:
@@ -279,61 +308,179 @@ class Predictor:
     def _responding(
         self,
         record: Excitation,
-        channels: tuple[str, ...] | None,
+        sources: Sources,
         progress: Progress | None,
-        instrument: bool = False,
         stand_in: Model | None = None,
+        instrument: bool = False,
     ) -> Prediction:
-        """Draws of the response; of another record with the first observation's instrument only if asked for."""
-        posterior, theta, seed, drift = self.posterior, self.theta, self.seed, self.drift
-        observations, hidden = posterior.observations, stream(seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
-        if drift is not None and not posterior.law.inside and all(o.record is not record for o in observations):
-            theta = drift.moved(theta, hidden)
-        model, parameters, index = posterior.likelihood.on_record(theta, record, hidden)
-        observation = observations[index or 0]
-        channels = observation.channels if channels is None else tuple(channels)
-        every = tuple(dict.fromkeys((*observation.channels, *channels)))
+        """Draws of the response; of another record with the observations' instruments only if asked for."""
+        posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+        observations = posterior.observations
+        if self.drift is not None and not posterior.law.inside and not sources.here:
+            theta = self.drift.moved(theta, hidden)
+        measured = {index: observations[index].channels for index in sources.indices}
+        every = tuple(dict.fromkeys((*(c for own in measured.values() for c in own), *sources.channels)))
+        # Errors inside the model are an observation's own: then each has a run of its own.
+        alone = posterior.law.inside and len(sources.here) > 1
+        runs = {
+            index: self._run(theta, record, every, index, hidden, progress, stand_in)
+            for index in (sources.indices if alone else [min(sources.here, default=None)])
+        }
+        good = np.all([run.done for run in runs.values()], axis=0)
+
+        def response_of(index: int | None, channels: Sequence[str]) -> np.ndarray:
+            """The model's response, with the instrument of an observation, (draw, time, channel)."""
+            run = runs[index] if alone and index is not None else next(iter(runs.values()))
+            values = run.values[good][:, :, [run.channels.index(c) for c in channels]]
+            if index is None or not len(values) or not (index in sources.here or instrument):
+                return np.asarray(values)
+            unknown = posterior.unknowns(theta[good], index)
+            shown = observations[index].transmit(values.transpose(1, 2, 0), unknown)
+            return np.asarray(shown).transpose(2, 0, 1)
+
+        responses = {index: response_of(index, own) for index, own in measured.items()}
+        plain = response_of(None, sources.channels)
+
+        def erring(law: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
+            found = plain.copy()
+            for index, response in responses.items():
+                observation, places = observations[index], sources.places(index)
+                there = [observation.channels.index(sources.channels[place]) for place in places]
+                values = response
+                if law is not None:
+                    drawn = purpose or (
+                        Purpose.PREDICTION_ON_THE_RECORD
+                        if index in sources.here
+                        else Purpose.PREDICTION_ON_ANOTHER_RECORD
+                    )
+                    rng, unknown = stream(self.seed, drawn, index), posterior.unknowns(theta[good], index)
+                    errors = law.draw(rng, response.shape, unknown, observation.channels, record.dt)
+                    values = response + self._size_of_errors(index, response, record.dt, index in sources.here) * errors
+                found[:, :, places] = values[:, :, there]
+            return np.asarray(found)
+
+        law, first = posterior.discrepancy, next(iter(runs.values()))
+        units = first.units | {
+            c: observations[index].channel_unit(c)
+            for index, own in reversed(measured.items())
+            for c in own
+            if c in observations[index].units
+        }
+        return Prediction(
+            first.time,
+            sources.channels,
+            erring(None),
+            erring(law),
+            int((~good).sum()),
+            record.name,
+            {c: units[c] for c in sources.channels},
+            erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
+            status=np.max([run.status for run in runs.values()], axis=0),
+        )
+
+    def _run(
+        self,
+        theta: np.ndarray,
+        record: Excitation,
+        channels: tuple[str, ...],
+        index: int | None,
+        hidden: np.random.Generator,
+        progress: Progress | None,
+        stand_in: Model | None,
+    ) -> Histories:
+        """Run the model on a record; `index` says which observation, None another record."""
+        posterior = self.posterior
         if stand_in is not None:
             space = posterior.model_space
             model, parameters = stand_in, np.asarray(space.columns(theta[:, : space.dimension], stand_in.free))
-        elif set(every) - set(model.channels):
-            model = model.recording(*every)
-        run = model.simulate(parameters, record, progress=progress, map=posterior.map)
-        good = run.done
-        response = run.values[good][:, :, [run.channels.index(c) for c in every]]
-        unknown = posterior.unknowns(theta[good], index or 0)
-        measured = slice(0, len(observation.channels))
-        if (index is not None or instrument) and len(response):
-            shown = observation.transmit(response[:, :, measured].transpose(1, 2, 0), unknown)
-            response = np.concatenate([np.asarray(shown).transpose(2, 0, 1), response[:, :, measured.stop :]], axis=2)
-        scale = self._growth(index or 0).scale(response[:, :, measured], record.dt)
-        if observation.sd is not None:
-            # Known for the measured record; of another one it is the mean square that carries over.
-            sd = np.asarray(observation.sd)
-            scale = sd if index is not None else scale * np.sqrt(np.mean(sd**2, axis=0))
+        else:
+            model, parameters = posterior.likelihood.on_record(theta, record, hidden, index)
+            if set(channels) - set(model.channels):
+                model = model.recording(*channels)
+        return model.simulate(parameters, record, progress=progress, map=posterior.map)
 
-        def erring(law: Discrepancy | None, purpose: Purpose) -> np.ndarray:
-            found = response.copy()
-            if law is not None:
-                shape = (len(response), response.shape[1], measured.stop)
-                rng = stream(seed, purpose, index or 0)
-                found[:, :, measured] += scale * law.draw(rng, shape, unknown, observation.channels, record.dt)
-            return np.asarray(found[:, :, [every.index(c) for c in channels]])
+    def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
+        """By what the errors of an observation are multiplied: their growth with the motion, and known standard deviations."""
+        observation = self.posterior.observations[index]
+        scale = self._growth(index).scale(response, dt)
+        if observation.sd is None:
+            return scale
+        # Known for the measured record; of another one it is the mean square that carries over.
+        sd = np.asarray(observation.sd)
+        return np.asarray(sd if here else scale * np.sqrt(np.mean(sd**2, axis=0)))
 
-        law = posterior.discrepancy
-        purpose = Purpose.PREDICTION_ON_ANOTHER_RECORD if index is None else Purpose.PREDICTION_ON_THE_RECORD
-        units = run.units | {c: observation.channel_unit(c) for c in observation.channels if c in observation.units}
-        return Prediction(
-            run.time,
-            channels,
-            erring(None, purpose),
-            erring(law, purpose),
-            int((~good).sum()),
-            record.name,
-            {c: units[c] for c in channels},
-            erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
-            status=run.status,
-        )
+
+@dataclass(frozen=True)
+class Sources:
+    """Which observation says what errors a predicted channel has.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        What is predicted.
+    of : tuple of int or None
+        The observation of each channel; None for a channel that nobody measured.
+    here : frozenset of int
+        Observations that were made on the predicted record itself.
+    """
+
+    channels: tuple[str, ...]
+    of: tuple[int | None, ...]
+    here: frozenset[int]
+
+    @classmethod
+    def of_record(
+        cls,
+        observations: Sequence[Observation],
+        record: Excitation,
+        channels: tuple[str, ...] | None,
+        observation: int | None,
+    ) -> Sources:
+        """Choose for every channel an observation on that record, or else the first that measured the channel.
+
+        Parameters
+        ----------
+        observations : sequence of Observation
+            What was measured.
+        record : Excitation
+            The predicted one.
+        channels : tuple of str or None
+            What is predicted; None for everything that was measured on that record, or anywhere where it is another one.
+        observation : int or None
+            The only one on that record that is meant.
+
+        Returns
+        -------
+        Sources
+            One for each channel.
+        """
+        on_record = [i for i, o in enumerate(observations) if o.record is record]
+        here = on_record if observation is None else [observation]
+        order = [*here, *(i for i in range(len(observations)) if i not in here)]
+        if channels is None:
+            channels = tuple(dict.fromkeys(c for i in here or order for c in observations[i].channels))
+        first = tuple(next((i for i in order if c in observations[i].channels), None) for c in channels)
+        return cls(tuple(channels), first, frozenset(here))
+
+    @property
+    def indices(self) -> list[int]:
+        """Observations that are a source, in their order."""
+        return sorted({index for index in self.of if index is not None})
+
+    def places(self, index: int) -> list[int]:
+        """Places of the channels whose source is one observation.
+
+        Parameters
+        ----------
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        list of int
+            Among `channels`.
+        """
+        return [place for place, source in enumerate(self.of) if source == index]
 
 
 def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
@@ -356,25 +503,25 @@ def _largest(histories: np.ndarray) -> np.ndarray:
     return np.asarray(np.abs(histories).max(axis=1))
 
 
-def _scaled(prediction: Prediction, scale: BandScale, known: tuple[str, ...], dt: float) -> Prediction:
-    """A prediction with errors as large as they were on the measured record, in the channels that were measured there."""
-    here = [place for place, channel in enumerate(prediction.channels) if channel in known]
-    if not here:
+def _scaled(
+    prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
+) -> Prediction:
+    """A prediction with errors as large as they were on the measured record, in some channels; `response`: its own draws too."""
+    if not places:
         return prediction
-    own = BandScale(scale.factors[:, [known.index(prediction.channels[place]) for place in here]])
 
-    def applied(draws: np.ndarray, scale: BandScale = own) -> np.ndarray:
+    def applied(draws: np.ndarray, scale: BandScale) -> np.ndarray:
         found = draws.copy()
-        found[:, :, here] = scale.applied(draws[:, :, here], dt)
+        found[:, :, places] = scale.applied(draws[:, :, places], dt)
         return found
 
     # What the parameters leave open is a part of the whole: narrowed with it, but not widened. A peak is an extreme of the whole
     # record, of which a band that holds nine tenths of the samples says little: what peaks are taken from is not narrowed.
-    narrowed, widened = BandScale(np.minimum(own.factors, 1.0)), BandScale(np.maximum(own.factors, 1.0))
+    narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
     structural = prediction.response if prediction.structural is None else prediction.structural
     return replace(
         prediction,
-        response=applied(prediction.response, narrowed),
-        observable=applied(prediction.observable),
+        response=applied(prediction.response, narrowed) if response else prediction.response,
+        observable=applied(prediction.observable, scale),
         structural=applied(structural, widened),
     )

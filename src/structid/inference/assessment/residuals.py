@@ -38,12 +38,15 @@ class WhitenedResidual:
         Time step [s].
     values : ndarray, shape (time,)
         The residual, a pure number.
+    observation : int
+        Of which observation, from 0.
     """
 
     channel: str
     record: str
     dt: float
     values: np.ndarray = field(repr=False)
+    observation: int = 0
 
     @property
     def autocorrelation(self) -> np.ndarray:
@@ -105,7 +108,7 @@ def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[Whitene
         unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
         white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
         found += [
-            WhitenedResidual(channel, observation.record.name, dt, white[:, i])
+            WhitenedResidual(channel, observation.record.name, dt, white[:, i], index)
             for i, channel in enumerate(observation.channels)
             if np.isfinite(white[:, i]).all()
         ]

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import ConvergenceError, InputError
 from structid.inference.assessment.replicated_posterior import ReplicatedPosterior
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.posterior import Posterior
@@ -203,7 +204,7 @@ def _how_wrong(places: np.ndarray) -> str:
     return "too narrow" if spread > 0.0 else "too wide"
 
 
-@names_checked
+@check_arguments
 def sbc(
     posterior: Posterior,
     replicas: int = 200,

@@ -7,7 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
 from structid.inference.likelihood.independent import IID, IID_KIND
 from structid.inference.likelihood.kernels import AR1_KIND, DAMPED_COSINE_KIND
@@ -29,7 +30,7 @@ DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
 """Prior of a drift over the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Drifting(ErrorLaw):
     """y = M(θ + d∘b(t)) + ε: a wrong model's parameters are not those of the structure all the time, but drift about their mean.

@@ -8,15 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from structid.arguments import check_arguments, real_number
 from structid.array_module import namespace
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class IID(Discrepancy):
     """Independent, identically distributed Gaussian discrepancy.
@@ -37,10 +38,17 @@ class IID(Discrepancy):
     independent: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        given = self.variance.values() if isinstance(self.variance, Mapping) else [self.variance]
-        for value in given:
-            if isinstance(value, (int, float)) and not (np.isfinite(value) and value > 0):
-                raise InputError("IID(variance)", f"{value}", "a positive number, a prior, or None")
+        given = self.variance if isinstance(self.variance, Mapping) else {"": self.variance}
+        allowed = "a positive number, a prior, or None"
+        checked: dict[str, float | Marginal] = {}
+        for channel, value in given.items():
+            where = f"IID(variance['{channel}'])" if channel else "IID(variance)"
+            number = value if isinstance(value, Marginal) else real_number(where, value, allowed)
+            if isinstance(number, (int, float)) and not 0.0 < number < np.inf:
+                raise InputError(where, f"{number}", allowed)
+            checked[channel] = number
+        if isinstance(self.variance, Mapping):
+            object.__setattr__(self, "variance", checked)
 
     def _name(self, channel: str, channels: tuple[str, ...]) -> str:
         return f"sigma2_{channel}" if self.per_channel and len(channels) > 1 else "sigma2"

@@ -134,8 +134,8 @@ class JointLikelihood:
         return self.space.columns(theta, self.model.free)
 
     def on_record(
-        self, theta: np.ndarray, record: Excitation, rng: np.random.Generator
-    ) -> tuple[Model, np.ndarray, int | None]:
+        self, theta: np.ndarray, record: Excitation, rng: np.random.Generator, index: int | None
+    ) -> tuple[Model, np.ndarray]:
         """Model and parameters that respond to a record, the errors inside the model with them.
 
         Parameters
@@ -146,21 +146,22 @@ class JointLikelihood:
             A measured one, or another one, for which hidden values are drawn from their priors.
         rng : numpy.random.Generator
             Source of these draws.
+        index : int or None
+            Which observation has that record; None for another one.
 
         Returns
         -------
-        tuple of Model, ndarray (run, free parameter), int or None
-            The model, its parameters, and which observation has that record; None for another one.
+        tuple of Model, ndarray (run, free parameter)
+            The model and its parameters.
         """
-        for index, bound in enumerate(self.of):
-            if bound.observation.record is record:
-                return bound.model, np.asarray(bound.parameters(theta)), index
+        if index is not None:
+            return self.of[index].model, np.asarray(self.of[index].parameters(theta))
         model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
         if not hidden:
-            return model, np.asarray(self.model_parameters(theta)), None
+            return model, np.asarray(self.model_parameters(theta))
         known = self.space.columns(theta, [name for name in model.free if name not in hidden])
         drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
-        return model, np.concatenate([known, drawn], axis=1), None
+        return model, np.concatenate([known, drawn], axis=1)
 
     def points(self, theta: np.ndarray) -> np.ndarray:
         """Check an array of parameters.

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.inference.likelihood.correlated import Correlated, Matrix
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import LogNormal, Uniform
@@ -43,7 +44,7 @@ class CorrelatedInTime(Correlated):
         return _spanning(dt, 0.1 * samples * dt, "s")
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class AR1(CorrelatedInTime):
     """Exponential kernel, σ² exp(−τ/ℓ): at a constant step dt an AR(1) process with φ = exp(−dt/ℓ), plus white noise.
@@ -65,7 +66,7 @@ class AR1(CorrelatedInTime):
         return [[numpy.exp(-dt / shapes["correlation_time"])]], [numpy.ones_like(shapes["correlation_time"])]
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class Matern32(CorrelatedInTime):
     """Matérn-3/2 kernel, σ² (1 + λτ) exp(−λτ) with λ = √3/ℓ, plus white noise.
@@ -94,7 +95,7 @@ class Matern32(CorrelatedInTime):
         return transition, [numpy.ones_like(rate), rate**2]
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class DampedCosine(Correlated):
     """Kernel of a stochastic harmonic oscillator, σ² e^{−ητ} (cos ωτ + η/ω sin ωτ), plus white noise.

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.channels import check_channels
 from structid.device import BATCH_SIZES, jnp
-from structid.errors import InputError, names_checked
+from structid.errors import InputError
 from structid.hashing import digest
 from structid.inference.likelihood.batches import in_batches
 from structid.inference.likelihood.bound import Measured
@@ -30,7 +31,7 @@ from structid.observation import Observation
 from structid.probability.space import ParameterSpace
 
 
-@names_checked
+@check_arguments
 class Posterior(Target):
     """π(θ | y) ∝ π(θ) L(y | θ) for one or several measured histories that share the model's parameters.
 

@@ -12,7 +12,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import ConvergenceError, InputError
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
 from structid.inference.sampling.other_coordinates import InCoordinates
@@ -32,7 +33,7 @@ DECORRELATED = 0.2
 """Correlation between a sub-chain's ends below which a longer one gains little. With 128 walkers it is known to 0.1."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True, eq=False)
 class DelayedAcceptance(Sampler):
     """Settings of delayed acceptance with ensemble moves.

@@ -12,7 +12,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import ConvergenceError, InputError
 from structid.inference.sampling.moves import EnsembleState, Moves, halves, move_walkers
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
@@ -36,7 +37,7 @@ START_TRIES = 50
 """Rounds of drawing starting points of finite density."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class AIES(Sampler):
     """Settings of the affine-invariant ensemble sampler.

@@ -13,8 +13,9 @@ from typing import Any, ClassVar
 import jax
 import numpy as np
 
+from structid.arguments import check_arguments
 from structid.device import jnp, over_runs
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.errors import ConvergenceError, InputError
 from structid.inference.sampling.sampler import (
     BLOCK_STEPS,
     Block,
@@ -38,7 +39,7 @@ LEAPFROGS = 12
 """Of a trajectory, on usual posteriors."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class NUTS(Sampler):
     """Settings of the No-U-Turn sampler.

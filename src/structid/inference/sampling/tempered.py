@@ -13,7 +13,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.errors import ConvergenceError, InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import ConvergenceError, InputError
 from structid.inference.sampling.bridge import evidence_of
 from structid.inference.sampling.modes import lost_modes
 from structid.inference.sampling.moves import EnsembleState
@@ -46,7 +47,7 @@ MORE_BY = 3.0
 """Standard errors by which a second tempering's evidence must exceed the first's to be believed in its place."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class SMC(Sampler):
     """Settings of tempered sequential Monte Carlo.

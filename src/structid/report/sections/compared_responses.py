@@ -14,11 +14,15 @@ from structid.units import factor
 
 
 def _drawings(material: ComparisonMaterial) -> list[Drawing]:
-    return [partial(_draw, material, column) for column in range(len(material.observation.channels))]
+    return [
+        partial(_draw, material, index, column)
+        for index, observation in enumerate(material.observations)
+        for column in range(len(observation.channels))
+    ]
 
 
-def _draw(material: ComparisonMaterial, column: int) -> Picture:
-    observation = material.observation
+def _draw(material: ComparisonMaterial, index: int, column: int) -> Picture:
+    observation = material.observations[index]
     channel = observation.channels[column]
     unit = observation.channel_unit(channel).display
 
@@ -26,11 +30,12 @@ def _draw(material: ComparisonMaterial, column: int) -> Picture:
         low, high = prediction.band(discrepancy=discrepancy)
         return low[:, column] / factor(unit), high[:, column] / factor(unit)
 
-    inner, outer = ([edges(one.prediction, wide) for one in material.classes] for wide in (False, True))
+    inner, outer = ([edges(one.predictions[index], wide) for one in material.classes] for wide in (False, True))
     measured = observation.values[:, column] / factor(unit)
     figure = figures.side_by_side(observation.record.time, measured, inner, outer, material.names, channel, unit)
     caption = f"Measured {channel} on {observation.record.name} around its peak, and what each class makes of it."
-    return Picture(f"predictions_{channel}", caption, figure)
+    suffix = "" if len(material.observations) == 1 else f"_{index + 1}"
+    return Picture(f"predictions_{channel}{suffix}", caption, figure)
 
 
 SECTION: Section[ComparisonMaterial] = Section("measured", "The measurement", _drawings, nothing)

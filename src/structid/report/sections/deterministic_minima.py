@@ -79,24 +79,25 @@ def _tables(material: PosteriorMaterial) -> list[Table]:
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
-    loops_are_known = material.true_posterior.model.loop_channels is not None
+    loops_are_known = bool(material.true_posterior.model.loop_channels)
     return [functools.partial(_identified, material)] if material.searches and loops_are_known else []
 
 
 def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarray, np.ndarray]:
-    """Displacement [mm] and force [kN] at the best minimum."""
+    """Displacement [mm] and force [kN] of the first spring at the best minimum."""
     posterior = material.true_posterior
     parameters = np.asarray(posterior.model_parameters(material.completed(search.best.theta)[None]))
     found = simulated_loops(posterior.model, parameters, material.observations[0].record)
-    assert found is not None
-    return found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3
+    loop = next(iter(found.values()))[0]
+    return loop[:, 0] * 1e3, loop[:, 1] * 1e-3
 
 
 def _identified(material: PosteriorMaterial) -> Picture:
     observation = material.observations[0]
     channel = observation.channels[0]
     unit = observation.channel_unit(channel).display
-    truth = material.true_loops[0]
+    spring = next(iter(material.true_posterior.model.loop_channels))
+    truth = material.true_loops[0].get(spring)
     predictions = {
         name: material.posterior.predict(material.completed(s.best.theta)[None])[0, :, 0] / factor(unit)
         for name, s in material.searches.items()
@@ -110,7 +111,9 @@ def _identified(material: PosteriorMaterial) -> Picture:
         channel,
         unit,
     )
-    return Picture("identified", "Deterministic calibration: loops and histories.", figure)
+    of = f" of {spring}" if spring else ""
+    caption = f"Deterministic calibration: loops{of} and {channel} on {observation.record.name}."
+    return Picture("identified", caption, figure)
 
 
 SECTION = Section(

@@ -7,21 +7,31 @@ import functools
 import numpy as np
 
 from structid.figures import response as figures
+from structid.ground_motion.record import GroundMotion
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Section, nothing
 from structid.units import factor
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
-    drawings = [functools.partial(_record, material)]
+    records = [o.record for o in material.observations]
+    several = range(len(records))
+    # Several observations of one record, such as those of several floors, share its figure.
+    distinct = [index for index in several if not any(records[index] is earlier for earlier in records[:index])]
+    drawings: list[Drawing] = [functools.partial(_record, material, index) for index in distinct]
     if not np.array_equal(material.raw_record.values, material.record.values):
-        drawings.append(functools.partial(_processing, material))
-    several = range(len(material.observations))
+        drawings.insert(1, functools.partial(_processing, material))
     return [*drawings, *(functools.partial(_measurement, material, index) for index in several)]
 
 
-def _record(material: PosteriorMaterial) -> Picture:
-    return Picture("record", f"The record as used: {material.record}.", material.record.plot())
+def _record(material: PosteriorMaterial, index: int) -> Picture:
+    record, name = material.observations[index].record, f"record{material.suffix(index)}"
+    if isinstance(record, GroundMotion):
+        return Picture(name, f"The record as used: {record}.", record.plot())
+    columns = [signal.values / factor(signal.display_unit) for signal in record.signals]
+    names, units = [signal.kind for signal in record.signals], [signal.display_unit for signal in record.signals]
+    figure = figures.histories(record.time, columns, names, units)
+    return Picture(name, f"What drove the structure: {record.name or record.kind}.", figure)
 
 
 def _processing(material: PosteriorMaterial) -> Picture:

@@ -1,4 +1,4 @@
-"""The measured response against the posterior prediction, and hysteresis loops."""
+"""The measured responses against the posterior prediction, and hysteresis loops."""
 
 from __future__ import annotations
 
@@ -16,19 +16,25 @@ from structid.report.section import Drawing, Picture, Section, nothing
 
 LOOP_DRAWS = 40
 """Number of draws whose loops are drawn thinly behind that of the MAP estimate."""
+MOST_SPRINGS = 4
+"""Springs whose loops are drawn: those that absorb most."""
 
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     drawings: list[Drawing] = []
     for index, observation in enumerate(material.observations):
-        predicted = _Predicted(material, index)
+        predicted = _PredictedObservation(material, index)
         drawings += [functools.partial(_band, predicted, column) for column in range(len(observation.channels))]
-        if material.true_posterior.model.loop_channels is not None:
-            drawings += [functools.partial(_loops, predicted), functools.partial(_energy, predicted)]
+        # Loops are a record's: several observations of one record, such as those of several floors, share them.
+        first = next(i for i, o in enumerate(material.observations) if o.record is observation.record)
+        if first == index:
+            loops = _PredictedLoops(material, index)
+            for place in range(min(MOST_SPRINGS, len(material.true_posterior.model.loop_channels))):
+                drawings += [functools.partial(_loops, loops, place), functools.partial(_energy, loops, place)]
     return drawings
 
 
-class _Predicted:
+class _PredictedObservation:
     """What the posterior predicts of one observation."""
 
     def __init__(self, material: PosteriorMaterial, index: int) -> None:
@@ -40,25 +46,42 @@ class _Predicted:
     def band(self) -> PredictedBand:
         """The response of draws, with and without discrepancy, and of the MAP estimate."""
         material = self.material
-        draws = predict(material.posterior, material.draws, self.observation.record, seed=material.result.seed)
+        draws = predict(material.posterior, material.draws, seed=material.result.seed, observation=self.index)
         return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
 
+
+class _PredictedLoops:
+    """What the posterior predicts of the springs on the record of an observation."""
+
+    def __init__(self, material: PosteriorMaterial, index: int) -> None:
+        self.material, self.index = material, index
+        self.record = material.observations[index].record
+        self.suffix = material.suffix(index)
+
     @cached_property
-    def loops(self) -> np.ndarray:
-        """Loops of the MAP estimate and of the draws, shape (draw, time, 3)."""
+    def of_springs(self) -> dict[str, np.ndarray]:
+        """Loops of the MAP estimate and of the draws by the springs' names, each (draw, time, 3)."""
         bound = self.material.true_posterior.likelihood.of[self.index]
         theta = np.vstack([self.material.best, self.material.draws])
-        found = simulated_loops(bound.model, np.asarray(bound.parameters(theta)), self.observation.record)
-        assert found is not None
-        return found
+        return simulated_loops(bound.model, np.asarray(bound.parameters(theta)), self.record)
 
-    @property
-    def true_loop(self) -> np.ndarray | None:
-        """Loop of the true model, if it is known."""
-        return self.material.true_loops[self.index]
+    @cached_property
+    def drawn(self) -> list[str]:
+        """Names of the springs that are drawn, in the model's order."""
+        absorbed = {name: float(np.nanmax(np.abs(loops[0, :, 2]))) for name, loops in self.of_springs.items()}
+        most = sorted(absorbed, key=lambda name: -absorbed[name])[:MOST_SPRINGS]
+        return [name for name in self.of_springs if name in most]
+
+    def truth(self, spring: str) -> np.ndarray | None:
+        """Loop of a spring of the true model, (time, 3), if it is known."""
+        return self.material.true_loops[self.index].get(spring)
+
+    def name(self, what: str, spring: str) -> str:
+        """Name of a figure's file."""
+        return f"{what}{'_' if spring else ''}{spring.replace(' ', '_')}{self.suffix}"
 
 
-def _band(predicted: _Predicted, column: int) -> Picture:
+def _band(predicted: _PredictedObservation, column: int) -> Picture:
     observation = predicted.observation
     channel = observation.channels[column]
     name = f"response_{channel}{predicted.suffix}"
@@ -72,36 +95,40 @@ def _band(predicted: _Predicted, column: int) -> Picture:
     )
 
 
-def _loops(predicted: _Predicted) -> Picture:
-    found, truth, name = predicted.loops, predicted.true_loop, f"loops{predicted.suffix}"
+def _loops(predicted: _PredictedLoops, place: int) -> Picture:
+    spring = predicted.drawn[place]
+    loops, truth = predicted.of_springs[spring], predicted.truth(spring)
     figure = loop_figures.loops(
-        predicted.observation.record.time,
+        predicted.record.time,
         None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
-        (found[0, :, 0] * 1e3, found[0, :, 1] * 1e-3),
+        (loops[0, :, 0] * 1e3, loops[0, :, 1] * 1e-3),
         names=("truth of the virtual experiment", "model, MAP estimate"),
-        draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in found[1 : 1 + LOOP_DRAWS]],
+        draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in loops[1 : 1 + LOOP_DRAWS]],
     )
     caption = (
-        "Hysteresis loops. A few cycles, from early to late, stand for all (grey); those of posterior draws are thin."
+        f"Hysteresis loops{f' of {spring}' if spring else ''} on {predicted.record.name}. A few cycles, from early to late, stand "
+        "for all (grey); those of posterior draws are thin."
     )
     caption += (
         ""
         if truth is None
         else " The loops of the virtual experiment are the truth; the calibration has not seen them."
     )
-    return Picture(name, caption, figure)
+    return Picture(predicted.name("loops", spring), caption, figure)
 
 
-def _energy(predicted: _Predicted) -> Picture:
-    found, truth, name = predicted.loops, predicted.true_loop, f"energy{predicted.suffix}"
-    low, high = np.quantile(found[1:, :, 2], [0.05, 0.95], axis=0)
+def _energy(predicted: _PredictedLoops, place: int) -> Picture:
+    spring = predicted.drawn[place]
+    loops, truth = predicted.of_springs[spring], predicted.truth(spring)
+    low, high = np.nanquantile(loops[1:, :, 2], [0.05, 0.95], axis=0)
     figure = figures.energy(
-        predicted.observation.record.time,
+        predicted.record.time,
         None if truth is None else truth[:, 2],
-        found[0, :, 2],
+        loops[0, :, 2],
         (low, high),
     )
-    return Picture(name, "Absorbed energy.", figure)
+    caption = f"Energy absorbed{f' by {spring}' if spring else ''} on {predicted.record.name}."
+    return Picture(predicted.name("energy", spring), caption, figure)
 
 
 SECTION = Section(

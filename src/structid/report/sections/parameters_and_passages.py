@@ -167,7 +167,8 @@ def _drawings(material: RunsMaterial) -> list[Drawing]:
         found.append(functools.partial(_times, study, number, False))
         if study.above:
             found.append(functools.partial(_times, study, number, True))
-        found.append(functools.partial(_pairs, study, number))
+        if study.runs.design.space.dimension > 1:
+            found.append(functools.partial(_pairs, study, number))
         probability = study.probabilities[number]
         if probability is not None and len(study.leading_pair(number)) == 2:
             found.append(functools.partial(_map, study, number, probability))

@@ -14,8 +14,8 @@ from structid.report.section import Drawing, Picture, Section, nothing
 
 def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     return [
-        functools.partial(_residual, residual, material.suffix(index))
-        for index, residual in enumerate(material.result.residuals)
+        functools.partial(_residual, residual, material.suffix(residual.observation))
+        for residual in material.result.residuals
     ]
 
 

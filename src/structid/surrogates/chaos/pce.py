@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from structid.errors import InputError, check_choice, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
@@ -31,7 +32,7 @@ METHODS = ("sparse", "lars", "forward", "ols", "shrinkage")
 """Methods that choose the terms and find their coefficients."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class PCE:
     """Settings of a polynomial chaos expansion, f(θ) ≈ Σ_α c_α Ψ_α(θ) (thesis eq. 2.34).

@@ -8,7 +8,8 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -59,7 +60,7 @@ class TrainedNARX(SurrogateSettings, Protocol):
         """
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class CorrectedNARX:
     """Settings: a NARX n, and a POD-Kriging r of what it leaves over on the records of the runs, y(t, θ) ≈ n(t, θ) + r(t, θ).

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.models.face import Progress
 from structid.runs import Runs
 from structid.surrogates.kind import SurrogateKind
@@ -23,7 +23,7 @@ from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class KrigingNARX(NARXSettings):
     """Settings of a Kriging-NARX: a NARX whose coefficients are Kriging predictors (thesis eq. 2.72, with σ for its σ²).

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.errors import InputError, Status, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError, Status
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -20,7 +21,7 @@ from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARXSettings
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class NARX(NARXSettings):
     """Settings of a NARX of one system: constant coefficients, identified from measured inputs and outputs.

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.models.face import Progress
 from structid.runs import Runs
 from structid.surrogates.chaos.pce import PCE
@@ -20,7 +20,7 @@ from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class PCNARX(NARXSettings):
     """Settings of a PC-NARX: a NARX whose coefficients are polynomial chaos expansions (thesis eq. 2.55).

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from structid.errors import InputError, check_choice, names_checked, suggestion
+from structid.arguments import check_arguments
+from structid.errors import InputError, check_choice, suggestion
 from structid.probability.expressions import parse_expression
 
 Lagged = tuple[str, int]
@@ -116,7 +117,7 @@ def _lagged(name: str) -> Lagged:
     return signal, int(lag)
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class Memory:
     """A signal with a long memory, made from another signal; terms may use it from lag 1 on.

@@ -8,7 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import InputError, names_checked
+from structid.arguments import check_arguments
+from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -31,7 +32,7 @@ REACH_IN_A_CALIBRATION = 0.5
 says what it does not know there, and true runs follow. A response as at the edge hides a posterior in the tails of the prior."""
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class PODKriging:
     """Settings: principal components of the histories, y(t, θ) ≈ ȳ(t) + Σ_k φ_k(t) c_k(θ), each score a Kriging.

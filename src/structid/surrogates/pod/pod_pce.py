@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from structid.errors import names_checked
+from structid.arguments import check_arguments
 from structid.ground_motion.excitation import Excitation
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -21,7 +21,7 @@ from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
 
 
-@names_checked
+@check_arguments
 @dataclass(frozen=True)
 class PODPCE:
     """Settings: principal components of the histories, each score a polynomial chaos expansion.
