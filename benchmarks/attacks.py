@@ -168,7 +168,7 @@ def slope(factor: float, quick: bool) -> list[str]:
     """One of six slopes of the surrogate is wrong: its posterior has 1/factor of the standard deviation there."""
     sd = np.array([1.0 / factor, *np.ones(5)])
     target, said = boxed(lambda x: normal(x).sum(axis=1), 6), []
-    for seed in range(10 if quick else REPLICATIONS):
+    for seed in range(2 if quick else REPLICATIONS):
         draws = np.random.default_rng(seed).normal(0.0, sd, (1000, 6))
         found = si.certify(target, draws, normal(draws, 0.0, sd).sum(axis=1), seed=seed)
         said.append(found.certified)
@@ -180,13 +180,13 @@ def rows(quick: bool) -> list[list[str]]:
     found = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what lies outside a surrogate's range is in the certificate
-        for attack in attacks():
+        for attack in attacks()[: 1 if quick else None]:
             found.append(calibrated(attack, quick))
             print(" | ".join(found[-1]), flush=True)
-        for dimension, edge, known in MISSED:
+        for dimension, edge, known in MISSED[: 1 if quick else None]:
             found.append(missed_mode(dimension, edge, known, quick))
             print(" | ".join(found[-1]), flush=True)
-        for factor in (1.2, 0.84):
+        for factor in (1.2,) if quick else (1.2, 0.84):
             found.append(slope(factor, quick))
             print(" | ".join(found[-1]), flush=True)
     return found

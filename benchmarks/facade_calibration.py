@@ -22,6 +22,8 @@ NOISE = 0.02
 """White noise of each channel over its RMS."""
 PLAN = si.Plan(true_runs=400, start=40, batch=10)
 """Small batches: posteriors are so narrow that the first surrogates only show where to look."""
+QUICK_PLAN = si.Plan(true_runs=70, start=40, batch=10)
+"""Too few to certify: a quick run shows that everything runs."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
 REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)
 
@@ -56,11 +58,11 @@ def measured(truth: si.MasonryWall, seed: int) -> si.Observation:
     return si.Observation(record, clean + noise, channels=MONITORED)
 
 
-def calibrated(observation: si.Observation, seed: int, **settings: Any) -> tuple[Any, float]:
+def calibrated(observation: si.Observation, seed: int, plan: si.Plan, **settings: Any) -> tuple[Any, float]:
     began = time.perf_counter()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what lies outside a surrogate's range is in the certificate
-        found = si.calibrate(model(), space(), observation, plan=PLAN, seed=seed, **settings)
+        found = si.calibrate(model(), space(), observation, plan=plan, seed=seed, **settings)
     return found, time.perf_counter() - began
 
 
@@ -81,12 +83,12 @@ def inside_region(draws: np.ndarray, theta: np.ndarray) -> bool:
     return bool(distance[-1] <= np.quantile(distance[:-1], 0.95))
 
 
-def right_model(count: int, beside: int, reference: si.SMC) -> tuple[list[list[str]], list[list[str]]]:
+def right_model(count: int, beside: int, reference: si.SMC, plan: si.Plan) -> tuple[list[list[str]], list[list[str]]]:
     """Virtual experiments whose model is the right one, the first of them beside tempered SMC on the model itself."""
     rows, beside_rows = [], []
     for number, theta in enumerate(truths(count)):
         observation = measured(si.MasonryWall(**settings_of(theta)), number)
-        found, seconds = calibrated(observation, number)
+        found, seconds = calibrated(observation, number, plan)
         draws, certificate = found.sampling.flat[:, :4], found.certificate
         logs, true_logs = in_stiffnesses(draws), in_stiffnesses(theta[None])[0]
         rows.append(
@@ -139,12 +141,12 @@ def wrong_truth(number: int, theta: np.ndarray) -> tuple[str, si.MasonryWall]:
     return "damage and friction", si.MasonryWall(**settings_of(theta), **joints)
 
 
-def wrong_model(count: int) -> list[list[str]]:
+def wrong_model(count: int, plan: si.Plan) -> list[list[str]]:
     """Calibrate the wrong model, and predict the peak drift of another record."""
     rows = []
     for number, theta in enumerate(truths(count)):
         what, truth = wrong_truth(number, theta)
-        found, seconds = calibrated(measured(truth, number), number, discrepancy="auto")
+        found, seconds = calibrated(measured(truth, number), number, plan, discrepancy="auto")
         other = another_record(number)
         true_history = truth.recording(MONITORED[0]).simulate(np.zeros((1, 0)), other)
         peak = float(np.nanmax(np.abs(true_history.values[0, :, 0])))
@@ -237,8 +239,9 @@ SAMPLERS = [
 def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
     # Hundreds of thousands of runs of the wall: not for a quick look.
-    right, beside = right_model(1, 0, REFERENCE) if quick else right_model(EXPERIMENTS, BESIDE_SMC, REFERENCE)
-    wrong = wrong_model(1 if quick else EXPERIMENTS)
+    plan = QUICK_PLAN if quick else PLAN
+    right, beside = right_model(1 if quick else EXPERIMENTS, 0 if quick else BESIDE_SMC, REFERENCE, plan)
+    wrong = wrong_model(1 if quick else EXPERIMENTS, plan)
     nuts = NutsAlone(steps=150, chains=4, warm_up=100)
     both = [] if quick else by_gradients(truths(EXPERIMENTS)[4], REFERENCE, nuts)
     inside = sum(row[4] == "inside" for row in right)

@@ -33,6 +33,9 @@ KINDS = {
     "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
     "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
     "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
+    "Limits": ("confidence_of", "a structid.Limits such as Limits(mean=0.05)"),
+    "Plan": ("explorer", "a structid.Plan such as Plan(true_runs=300)"),
+    "Runs": ("design", "a structid.Runs, as a Campaign gives it"),
 }
 """Annotations, something that everything of that kind has, and what to give."""
 

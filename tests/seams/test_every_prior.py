@@ -31,6 +31,12 @@ def engine(request, monkeypatch):
     return request.param
 
 
+def thinned(families):
+    """The family that is hardest on both engines; the others, which take minutes together, on the engine that users have."""
+    both = [pytest.param(engine, "Beta") for engine in ("lanes", "jax")]
+    return both + [pytest.param("lanes", family, marks=pytest.mark.slow) for family in families if family != "Beta"]
+
+
 def posterior(family, engine):
     """A model of its own, so that nothing is compiled yet: a prior that is met inside a trace first is the hard case."""
     space = si.ParameterSpace(alpha=PRIORS[family])
@@ -61,7 +67,7 @@ def test_densities_twice_then_draws(family, engine, monkeypatch):
     np.testing.assert_array_equal(of.log_density(theta), first)
 
 
-@pytest.mark.parametrize("family", [pytest.param(f, marks=[] if f == "Beta" else pytest.mark.slow) for f in PRIORS])
+@pytest.mark.parametrize(("engine", "family"), thinned(PRIORS), indirect=["engine"])
 def test_derivatives(family, engine, monkeypatch):
     monkeypatch.setitem(PRIORS, family, fresh(family))
     of = posterior(family, engine)
@@ -105,7 +111,7 @@ IN_A_STUDY = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("family", [pytest.param(f, marks=[] if f == "Beta" else pytest.mark.slow) for f in IN_A_STUDY])
+@pytest.mark.parametrize(("engine", "family"), thinned(IN_A_STUDY), indirect=["engine"])
 def test_a_calibration_and_its_page(family, engine, tmp_path):
     """In a study: sequential design, surrogate, certificate, netCDF, page."""
     (tmp_path / "study.toml").write_text(STUDY % IN_A_STUDY[family])

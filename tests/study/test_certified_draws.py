@@ -23,7 +23,7 @@ def drawn(tmp_path_factory):
     folder = tmp_path_factory.mktemp("draws")
     (folder / "study.toml").write_text(STUDY)
     posterior = load(folder / "study.toml").posterior
-    result = si.sample(posterior, si.SMC(particles=500, steps=50, effective_share=0.5, correlation=0.3), seed=1)
+    result = si.sample(posterior, si.SMC(particles=200, steps=25, effective_share=0.5, correlation=0.3), seed=1)
     result.to_netcdf(folder / "draws.nc", predictions=False)
     return folder, result
 

@@ -25,10 +25,31 @@ SETTLED = 1e-8
 """Part of a filter's free response that may be left where the signal begins."""
 LONGEST_PADDING = 20
 """Most samples with which a signal goes on beyond each of its ends, as a multiple of its own."""
+MOST_SAMPLES = 20_000_000
+"""Samples of a signal: two days at 100 Hz. More are asked for by mistake, and would fill the memory."""
 KERNEL, KAISER = 10, 5.0
 """Half-length of the anti-aliasing kernel in samples of the coarser step, and the parameter of its Kaiser window."""
 DRIFT = 0.01
 """Most samples that a rounded step may be off at the end of a signal."""
+
+
+def check_samples(where: str, samples: float) -> None:
+    """Refuse a signal of more samples than anybody can mean.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    samples : float
+        How many there would be.
+
+    Raises
+    ------
+    InputError
+        If there are more than `MOST_SAMPLES`.
+    """
+    if not samples <= MOST_SAMPLES:
+        raise InputError(where, f"a signal of {samples:.3g} samples", f"{MOST_SAMPLES:,} samples or fewer")
 
 
 def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
@@ -165,6 +186,7 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
             "steps whose ratio is a fraction of whole numbers up to 1000",
             f"The nearest such step is {nearest}.",
         )
+    check_samples("resample: dt", signal.size * up / down)
     # A whole number of coarse steps in front, so that the first sample stays where it is.
     beyond = down * (KERNEL * max(up, down) // (up * down) + 1)
     padded = np.pad(signal, beyond, mode="reflect", reflect_type="odd")

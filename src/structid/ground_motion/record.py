@@ -126,6 +126,8 @@ class GroundMotion(Excitation):
         GroundMotion
             The record.
         """
+        if dt > 0:
+            processing.check_samples("GroundMotion.synthetic(duration, dt)", duration / dt)
         samples = round(duration / dt) + 1 if dt > 0 else 0
         acceleration = stochastic_acceleration(
             seed, samples, dt, arias, significant_duration, middle, frequency, frequency_slope, bandwidth
@@ -306,6 +308,7 @@ class GroundMotion(Excitation):
         """
         if before < 0 or after < 0:
             raise InputError("pad", f"{before:g} s before, {after:g} s after", "times of 0 s or more")
+        processing.check_samples("pad", len(self) + (before + after) / self.dt)
         return self._with(np.pad(self.values, (round(before / self.dt), round(after / self.dt))))
 
     # --- measures and spectra -----------------------------------------------------------------------------------

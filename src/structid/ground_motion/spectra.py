@@ -14,6 +14,8 @@ from structid.units import STANDARD_GRAVITY
 DEFAULT_PERIODS = np.geomspace(0.02, 10.0, 120)
 """Oscillator periods of a response spectrum [s]."""
 DEFAULT_PERIODS.setflags(write=False)
+SHORTEST_PERIOD = 0.01
+"""Shortest period in time steps of the record: there the spectrum is the PGA."""
 
 
 class ResponseSpectrum(NamedTuple):
@@ -157,8 +159,17 @@ def response_spectrum(
         Arrays of shape (period,).
     """
     periods = np.asarray(DEFAULT_PERIODS if periods is None else periods, dtype=np.float64)
-    if np.any(periods <= 0):
-        raise InputError("periods", f"{periods.min():g} s", "positive periods; at T = 0 the spectrum is the PGA")
+    if periods.ndim != 1 or not periods.size:
+        raise InputError("periods", f"an array of shape {periods.shape}", "one or more periods in one dimension")
+    wrong = periods[~(np.isfinite(periods) & (periods >= SHORTEST_PERIOD * dt))]
+    if wrong.size:
+        raise InputError(
+            "periods",
+            f"{wrong[0]:g} s",
+            f"periods from {SHORTEST_PERIOD * dt:g} s on, a hundredth of the time step; at T = 0 the spectrum is the PGA",
+        )
+    if not 0.0 <= damping_ratio < 1.0:
+        raise InputError("damping_ratio", f"{damping_ratio:g}", "from 0 up to, but not including, 1; 5 % is 0.05")
     peak = np.array([np.abs(oscillator_displacement(acceleration, dt, t, damping_ratio)).max() for t in periods])
     omega = 2.0 * np.pi / periods
     return ResponseSpectrum(periods, peak, omega * peak, omega**2 * peak)

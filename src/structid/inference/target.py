@@ -200,6 +200,25 @@ class Target(ABC):
         """Hash of everything the density depends on."""
 
 
+def _checked_bounds(where: str, pair: Any) -> np.ndarray:
+    """A lower and a larger upper bound; either may be infinite."""
+    found = real_array(where, pair, "a lower and an upper bound")
+    if found.shape != (2,) or not found[0] < found[1]:
+        raise InputError(where, f"{pair!r}", "a lower bound and a larger upper one, such as (0.0, np.inf)")
+    return found
+
+
+def _never_infinite(value: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """Refuse a log density of +∞, which would be all of the probability at one point."""
+    if np.isposinf(value).any():
+        place = int(np.argmax(np.isposinf(value)))
+        at = ", ".join(f"{x:g}" for x in theta[place])
+        raise InputError(
+            "LogDensity.function", f"+inf at the point ({at})", "finite numbers, or -inf where there is no density"
+        )
+    return value
+
+
 @check_arguments
 class LogDensity(Target):
     """Any log density as a target.
@@ -231,7 +250,8 @@ class LogDensity(Target):
         self.backend = check_choice("LogDensity.backend", backend, ("numpy", "jax"))
         box = np.tile([-np.inf, np.inf], (len(self.names), 1))
         for name, pair in (bounds or {}).items():
-            box[self.names.index(check_choice("LogDensity.bounds", name, self.names))] = pair
+            place = self.names.index(check_choice("LogDensity.bounds", name, self.names))
+            box[place] = _checked_bounds(f"LogDensity.bounds['{name}']", pair)
         self.bijection = Bijection(box)
         self._function, self._initial = function, initial
 
@@ -278,8 +298,20 @@ class LogDensity(Target):
         ndarray, shape (run,)
             The log density.
         """
+        theta = self._points(theta)
         value = self._values(theta) if self.backend == "numpy" else np.asarray(self._compiled[0](theta))
-        return np.where(np.isnan(value), -np.inf, value)
+        return np.where(np.isnan(value), -np.inf, _never_infinite(value, theta))
+
+    def _points(self, theta: np.ndarray) -> np.ndarray:
+        """Points as rows; one point may come without the axis of runs."""
+        points = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if points.shape[1] != len(self.names):
+            raise InputError(
+                "LogDensity.log_density(theta)",
+                f"an array of shape {np.shape(theta)}",
+                f"(run, {len(self.names)}) with the columns {', '.join(self.names)}",
+            )
+        return points
 
     def _values(self, theta: np.ndarray) -> np.ndarray:
         """What the function returns, (run,)."""
@@ -290,7 +322,7 @@ class LogDensity(Target):
         if value.shape != (len(theta),):
             came = f"an array of shape {value.shape} for {len(theta)} points"
             raise InputError("LogDensity.function", came, f"shape ({len(theta)},)")
-        return value
+        return _never_infinite(value, theta)
 
     def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Log density in unconstrained coordinates; see `Target.evaluate`.
@@ -309,7 +341,7 @@ class LogDensity(Target):
             theta, jacobian = self.bijection(phi)
             value = self._values(theta) + jacobian
         else:
-            value = self._compiled[1](phi)
+            value = _never_infinite(np.asarray(self._compiled[1](phi)), phi)
         failed = np.isnan(value)
         return np.where(failed, -np.inf, value), failed
 

@@ -324,6 +324,13 @@ def Frozen(distribution: Any, low: float | None = None, high: float | None = Non
     Marginal
         The distribution.
     """
+    if hasattr(distribution, "iccdf"):
+        raise InputError(
+            "Frozen(distribution)",
+            f"{distribution!r}, which is one of SciPy's new distributions",
+            "a frozen distribution of scipy.stats such as scipy.stats.norm(1.0, 2.0)",
+            "The new ones have no parameters that could be stored and compared; the frozen ones are the same distributions.",
+        )
     if not all(hasattr(distribution, name) for name in ("logpdf", "cdf", "ppf", "sf", "isf", "support")):
         raise InputError("Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats")
     name = getattr(getattr(distribution, "dist", None), "name", "Frozen")

@@ -112,7 +112,7 @@ class ParameterStudy(ShownAsText):
 def parameter_study(
     runs: Runs,
     channel: str,
-    limits: Sequence[float],
+    limits: float | Sequence[float],
     above: Mapping[str, float] | None = None,
     peaks: Sequence[str] = (),
     seed: int = 0,
@@ -125,7 +125,7 @@ def parameter_study(
         Over a design, such as a `Campaign`'s.
     channel : str
         Whose first passages are looked for.
-    limits : sequence of float
+    limits : float or sequence of float
         Of its absolute value [SI].
     above : mapping of str to float, optional
         Lower bounds [SI] of some parameters, for a part of the box that is looked at by itself.
@@ -145,6 +145,7 @@ def parameter_study(
         If a channel is not recorded, a limit is passed from the beginning, or a parameter is unknown.
     """
     above = dict(above or {})
+    limits = [limits] if isinstance(limits, (int, float)) else list(limits)
     space = runs.design.space
     for name in above:
         check_choice("parameter_study(above)", name, space.names)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from structid.inference.assessment.fitted_density import FittedDensity
+from structid.inference.assessment.fitted_density import FittedDensity, _unlikely
 
 WIDTH = 1.4
 
@@ -67,3 +67,10 @@ def test_it_follows_a_ridge_beyond_its_ends(fitted):
         return np.median(np.abs(x[:, 1] - 0.5 * x[:, 0] ** 2))
 
     assert off(far) < 0.5 * off(beside)
+
+
+def test_the_gradient_of_the_likelihood_is_that_of_differences():
+    y, shape = np.random.default_rng(4).gamma(2.0, 1.0, 500), np.array([0.4, -0.2, 0.8, 0.1])
+    steps = 1e-6 * np.eye(4)
+    differences = [(_unlikely(shape + h, y)[0] - _unlikely(shape - h, y)[0]) / 2e-6 for h in steps]
+    np.testing.assert_allclose(_unlikely(shape, y)[1], differences, atol=1e-8)

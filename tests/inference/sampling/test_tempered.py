@@ -9,6 +9,7 @@ import scipy.stats
 
 import structid as si
 from structid.errors import InputError
+from structid.inference.sampling.bridge import bennett_ratio
 from structid.inference.sampling.population import next_exponent
 from structid.inference.sampling.sampler import Evidence
 
@@ -285,3 +286,34 @@ def test_evidence_of_populations():
     # What all of them lack alike is not averaged away.
     lagging = Evidence.of_populations(np.zeros(4), np.zeros(4), np.array([0.3, 0.5, 0.3, 0.5]))
     assert lagging.error == pytest.approx(np.sqrt(0.4**2 + 0.2**2 / 3 / 4))
+
+
+@pytest.mark.parametrize("least", [-1e30, -1e200, -1e308])
+@pytest.mark.parametrize("seed", range(2))
+def test_log_likelihoods_far_below_all_others_disturb_nothing(least, seed):
+    """A model that is hopeless in half of the prior, as a cyclic test has it: log Z is that of the other half."""
+    space = si.ParameterSpace(x=si.Uniform(-5.0, 5.0))
+
+    def log_density(x):
+        return space.log_density(x) + np.where(x[:, 0] < 0.0, least, -0.5 * ((x[:, 0] - 1.0) / 0.1) ** 2)
+
+    target = si.LogDensity(log_density, ("x",), space, {"x": (-5.0, 5.0)})
+    result = si.sample(target, si.SMC(particles=200, steps=10), seed=seed)
+    exact = np.log(0.1 * np.sqrt(2.0 * np.pi) / 10.0)
+    assert abs(result.log_evidence.value - exact) < max(4.0 * result.log_evidence.error, 0.1)
+    assert abs(result.mean[0] - 1.0) < 0.02
+
+
+def test_densities_without_anything_in_common_have_no_ratio():
+    assert bennett_ratio(np.full(5, -np.inf), np.zeros(5)) == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize("offset", [-1e6, 0.0, 1e6])
+def test_the_ratio_of_densities_with_outliers_is_that_without_them(offset):
+    """log N(1, 1) over N(0, 1) at draws of both, times e^offset: its ratio is the offset."""
+    rng = np.random.default_rng(3)
+    forward, backward = (rng.normal(mean, 1.0, 4000) - 0.5 + offset for mean in (0.0, 1.0))
+    plain, variance = bennett_ratio(forward, backward)
+    assert abs(plain - offset) < 4.0 * np.sqrt(variance)
+    forward[:3] = -1e30
+    assert bennett_ratio(forward, backward)[0] == pytest.approx(plain, abs=2e-3)

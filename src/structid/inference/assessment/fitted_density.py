@@ -17,6 +17,8 @@ MOST_LAYERS = 12
 """After the first the marginals are normal; each further one finds dependence between them that is not linear."""
 HELD_OUT = 0.2
 """Share of the draws by which the number of layers is chosen: every layer follows the chance of its draws, too."""
+LARGEST_ANGLE = 300.0
+"""Largest argument of sinh and cosh, far beyond any draw's: squares of larger ones overflow."""
 LARGEST_LOG = 3.0
 """Largest logarithm of a width or of a weight of tails."""
 
@@ -61,17 +63,35 @@ def _sinh_arcsinh(y: np.ndarray, shape: np.ndarray) -> tuple[np.ndarray, np.ndar
     return np.sinh(angle), log_cosh + log_tail - log_width - 0.5 * np.log1p(standard**2)
 
 
+def _unlikely(shape: np.ndarray, y: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mean of ½ z² − log dz/dy over some values, and its gradient by ξ, log λ, ε and log δ.
+
+    With s = (y − ξ)/λ and a = δ asinh s − ε, it is ½ sinh² a − log cosh a − log δ + log λ + ½ log(1 + s²).
+    """
+    place, log_width, skew, log_tail = shape
+    standard = (y - place) / np.exp(log_width)
+    square = 1.0 + standard**2
+    stretched = np.exp(log_tail) * np.arcsinh(standard)
+    angle = np.clip(stretched - skew, -LARGEST_ANGLE, LARGEST_ANGLE)
+    sinh, cosh = np.sinh(angle), np.cosh(angle)
+    value = np.mean(0.5 * sinh**2 - np.log(cosh) + 0.5 * np.log(square)) - log_tail + log_width
+    by_angle = sinh * cosh - sinh / cosh
+    by_standard = by_angle * np.exp(log_tail) / np.sqrt(square) + standard / square
+    gradient = [
+        -by_standard.mean() / np.exp(log_width),
+        1.0 - np.mean(by_standard * standard),
+        -by_angle.mean(),
+        np.mean(by_angle * stretched) - 1.0,
+    ]
+    return float(value), np.array(gradient)
+
+
 def _most_likely(y: np.ndarray) -> np.ndarray:
     """ξ, log λ, ε, log δ of one coordinate."""
     begin = np.array([y.mean(), np.log(y.std()), 0.0, 0.0])
-
-    def unlikely(shape: np.ndarray) -> float:
-        z, slope = _sinh_arcsinh(y, shape)
-        with np.errstate(over="ignore"):
-            return float(np.mean(0.5 * z**2 - slope))
-
     bounds = [(None, None), (begin[1] - LARGEST_LOG, begin[1] + LARGEST_LOG), (-LARGEST_LOG, LARGEST_LOG), (-1.0, 1.0)]
-    return np.asarray(scipy.optimize.minimize(unlikely, begin, method="L-BFGS-B", bounds=bounds).x)
+    found = scipy.optimize.minimize(_unlikely, begin, args=(y,), jac=True, method="L-BFGS-B", bounds=bounds)
+    return np.asarray(found.x)
 
 
 def _rotation(dimension: int, rng: np.random.Generator) -> np.ndarray:

@@ -179,6 +179,8 @@ def parameter_drift(posterior: Posterior, theta: np.ndarray, spans: int = SPANS)
         None where a run about the fit fails.
     """
     space = posterior.model_space
+    if space.dimension == 0:  # of the errors alone
+        return None
     prior_sd = np.array([marginal.moments[1] for marginal in space.marginals.values()])
     parts = [
         _projections(posterior, theta, STEP * prior_sd, index, spans) for index in range(len(posterior.observations))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 
 import numpy as np
 import scipy
@@ -72,8 +73,23 @@ def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, flo
     def difference(constant: float) -> float:
         return float(expit(forward - constant).sum() - expit(constant - backward).sum())
 
-    known = np.concatenate([forward[np.isfinite(forward)], backward])
-    found = scipy.optimize.brentq(difference, known.min() - 50.0, known.max() + 50.0, xtol=1e-10)
+    weighing, seen = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
+    if not (weighing.size and seen.size):  # nothing of one density where the other is
+        return -np.inf, np.inf
+    # Begun where the draws with most weight are, and widened: draws of a log density of −1e30 must not widen it.
+    found = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(seen))))
     shares = (expit(forward - found), expit(found - backward))
     variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)
     return float(found), variance
+
+
+def _root_of_falling(function: Callable[[float], float], start: float) -> float:
+    """Root of a function that falls from above to below zero."""
+    low = high = start
+    step = 1.0
+    while function(low) < 0.0:
+        low, step = low - step, 2.0 * step
+    step = 1.0
+    while function(high) > 0.0:
+        high, step = high + step, 2.0 * step
+    return low if low == high else float(scipy.optimize.brentq(function, low, high, xtol=1e-10, maxiter=1000))

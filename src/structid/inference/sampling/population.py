@@ -56,6 +56,10 @@ class PopulationSettings(Protocol):
         """Fraction of the others that are differential-evolution moves."""
 
 
+LEAST_LIKELIHOOD = -1e60
+"""Least log-likelihood of a particle that has one at all."""
+
+
 @dataclass(frozen=True, eq=False)
 class Population:
     """Particles at one exponent.
@@ -137,13 +141,19 @@ def starting_population(settings: PopulationSettings, target: Target, seed: int,
     """
     shape = (settings.ensembles, settings.particles)
     phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, index))
-    prior, likelihood, _ = target.evaluate_parts(phi)
+    prior, likelihood, _ = _evaluated(target, phi)
     if np.isfinite(likelihood).sum() < 2 * target.dimension:
         raise ConvergenceError(
             f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a likelihood. Check the priors: most of "
             "what they allow cannot be simulated."
         )
     return Population(phi.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape), 0.0)
+
+
+def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Log prior, log-likelihood and failure; a log-likelihood whose moments float64 cannot hold is `LEAST_LIKELIHOOD`."""
+    prior, likelihood, failed = target.evaluate_parts(phi)
+    return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
 
 
 def run_stage(
@@ -259,7 +269,7 @@ def move(
         proposal, log_factor = moves.propose(
             rng, moves.kind(rng), phi[:, moving], EnsembleState(phi, now).part(resting)
         )
-        parts = target.evaluate_parts(proposal.reshape(-1, phi.shape[2]))
+        parts = _evaluated(target, proposal.reshape(-1, phi.shape[2]))
         new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
         failed_simulations += int(parts[2].sum())
         then = tempered(new_prior, new_likelihood, population.exponent)
@@ -289,12 +299,14 @@ def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> floa
         At most 1.
     """
     # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
-    usable = int(np.isfinite(likelihood).sum())
-
-    below_best = likelihood - likelihood.max(axis=1, keepdims=True)
+    with np.errstate(over="ignore"):
+        below_best = likelihood - likelihood.max(axis=1, keepdims=True)
+    usable = int(np.isfinite(below_best).sum())
+    below_best = np.where(np.isfinite(below_best), below_best, -np.inf)
 
     def lacking(log_increment: float) -> float:
-        weights = np.exp(np.exp(log_increment) * below_best)
+        with np.errstate(invalid="ignore"):
+            weights = np.where(below_best > -np.inf, np.exp(np.exp(log_increment) * below_best), 0.0)
         # The mean over the populations: none of them decides alone.
         size = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
         return float(np.log(size.sum() / (usable * share)))

@@ -9,6 +9,7 @@ import numpy as np
 from structid.calibration.plan import Plan
 from structid.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
+from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import check_memory
 from structid.optimize.region import region
 from structid.probability.designs import Design
@@ -16,6 +17,9 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.schema.study_file import StudyFile
 from structid.surrogates.registry import DEFAULT
+
+EXACT = 1e-9
+"""Difference of a response from the measured one, in parts of its peak, that is rounding alone."""
 
 
 def check_before_anything_is_written(study: BuiltStudy) -> None:
@@ -45,6 +49,8 @@ def check_before_anything_is_written(study: BuiltStudy) -> None:
             "'delayed_acceptance' without a [surrogate]",
             "a kind of surrogate that makes proposals",
         )
+    if study.posterior is not None:
+        _check_noise(study, study.posterior)
     if study.plan is not None:
         _check_calibration(study, study.plan)
     if study.campaign is not None and study.has_surrogate:
@@ -138,3 +144,26 @@ def _check_surrogate(study: BuiltStudy, design: Design, records: Sequence[Excita
     settings = surrogate_settings(study.file.surrogate)
     with within("tables 'surrogate' and 'campaign'"):
         settings.check(design, records, study.model.channels)
+
+
+def _check_noise(study: BuiltStudy, posterior: Posterior) -> None:
+    """Refuse exact data of a model that can be exactly right: the variance of its errors has no posterior but a spike at zero."""
+    without = [o.virtual is not None and o.virtual.noise == 0.0 for o in study.file.observation]
+    true = study.true_values
+    if not (any(without) and posterior.variances and study.model.batched and set(study.space.names) <= set(true)):
+        return
+    medians = posterior.space.quantile(np.full((1, posterior.dimension), 0.5))
+    theta = np.where(
+        np.arange(posterior.dimension) < study.space.dimension,
+        np.array([true.get(name, 0.0) for name in posterior.names]),
+        medians,
+    )
+    for index in np.flatnonzero(without):
+        values = posterior.observations[index].values
+        if np.abs(values - posterior.predict(theta, int(index))[0]).max() < EXACT * np.abs(values).max():
+            raise InputError(
+                "key 'observation.virtual.noise'",
+                "0, and the model can be exactly right, so that the unknown variance of its errors is zero",
+                "more than 0, such as noise = 0.02",
+                "Or give the variance of the errors in [discrepancy].",
+            )
