@@ -1,7 +1,9 @@
 """UM-Bridge: our client and the official server, the official client and our server."""
 
+import http.server
 import socket
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -25,13 +27,63 @@ def test_our_client_runs_a_server_written_with_the_official_package():
     found = model.simulate(theta, RECORD)
     np.testing.assert_allclose(found.values[0, :, 0], 1.5 * np.sin(2.0 * RECORD.time), rtol=1e-14)
     assert found.status.tolist() == [Status.DONE, Status.FAILED, Status.DONE]
-    assert "did not answer" in found.reasons[1]
+    # The official server answers an exception of its model with a page: its status and words are all that it says.
+    assert "answered to Evaluate with HTTP status 500" in found.reasons[1] and "did not answer" not in found.reasons[1]
     wrong = si.UMBridgeModel(url, ("a",), ("velocity",), "wave").simulate(theta[:1, :1], RECORD)
     assert "takes 2 numbers, there are 1 parameters" in wrong.reasons[0]
     short = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "wave", {"samples": 300}).simulate(theta[:1], RECORD)
     assert "300 rows" in short.reasons[0]
     nobody = si.UMBridgeModel(url, ("a", "b"), ("velocity",), "ripple").simulate(theta[:1], RECORD)
-    assert "ripple" in nobody.reasons[0]
+    assert "has no model 'ripple'; it offers wave" in nobody.reasons[0]
+
+
+OUTPUT = '{"output": [[0.0, 1.0, %s, 3.0]]}'
+ANSWERS = {
+    "NaN of Python": (200, OUTPUT % "NaN", Status.DIVERGED, "not finite from 0.02 s on"),
+    "nan of C++": (200, OUTPUT % "-nan", Status.DIVERGED, "not finite from 0.02 s on"),
+    "null of a careful server": (200, OUTPUT % "null", Status.DIVERGED, "not finite from 0.02 s on"),
+    "infinity": (200, OUTPUT % "inf", Status.DIVERGED, "not finite from 0.02 s on"),
+    "an error of the protocol": (
+        400, '{"error": {"type": "InvalidInput", "message": "stiffness must be positive"}}', Status.FAILED,
+        "answered with an error: InvalidInput: stiffness must be positive",
+    ),
+    "a page": (
+        500, "<html><body><h1>500 Internal</h1> matrix is <b>singular</b></body></html>", Status.FAILED,
+        "answered to Evaluate with HTTP status 500: 500 Internal matrix is singular",
+    ),
+    "nothing": (503, "", Status.FAILED, "HTTP status 503: nothing"),
+    "another thing": (200, '{"result": 1}', Status.FAILED, "HTTP status 200: {\"result\": 1}"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ANSWERS)
+def test_what_a_server_answers_is_in_the_reason(case):
+    """A server of four samples; it says one thing to every evaluation."""
+    pytest.importorskip("requests")
+    status, text, expected, reason = ANSWERS[case]
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def answered(self, status, text):
+            self.send_response(status)
+            self.end_headers()
+            self.wfile.write(text.encode())
+
+        def do_GET(self):
+            self.answered(200, '{"protocolVersion": 1.0, "models": ["forward"]}')
+
+        def do_POST(self):
+            self.rfile.read(int(self.headers["Content-Length"]))
+            self.answered(*((status, text) if self.path == "/Evaluate" else (200, '{"inputSizes": [1]}')))
+
+        def log_message(self, *_):
+            pass
+
+    with http.server.HTTPServer(("127.0.0.1", 0), Handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        model = si.UMBridgeModel(f"http://127.0.0.1:{server.server_port}", ("a",), ("velocity",))
+        found = model.simulate([[1.0]], si.GroundMotion(np.zeros(4), 0.01))
+        server.shutdown()
+    assert found.status[0] == expected and reason in found.reasons[0], found.reasons[0]
 
 
 LISTENING = Path("/proc/net/tcp")

@@ -166,7 +166,7 @@ class CalibrationResult(ShownAsText):
         """Draws in SI, shape (chain, draw, parameter); not re-weighted."""
         return self.sampling.draws
 
-    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
+    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True, thinned: int | None = None) -> Path:
         """Write draws, predictions and statistics to a netCDF file of the ArviZ schema; see `SamplingResult.to_netcdf`.
 
         Parameters
@@ -175,13 +175,15 @@ class CalibrationResult(ShownAsText):
             The file.
         predictions : bool
             Include the groups that need simulations, which the surrogate makes.
+        thinned : int, optional
+            How many draws every group has, the posterior included; see `SamplingResult.to_datatree`.
 
         Returns
         -------
         Path
             The file written.
         """
-        return self.sampling.to_netcdf(path, predictions)
+        return self.sampling.to_netcdf(path, predictions, thinned)
 
     def verdict(self) -> Verdict:
         """Say whether the sampling has converged, and what speaks against the model and the law of the errors.

@@ -167,10 +167,14 @@ class SamplingResult(ShownAsText):
         ndarray, shape (draw, parameter)
             In SI.
         """
+        return np.asarray(self.flat[self._evenly(count)])
+
+    def _evenly(self, count: int) -> np.ndarray:
+        """Places of draws that are taken evenly from all kept steps and walkers."""
         total = len(self.flat)
         # A golden-ratio stride visits steps and walkers alike, where a plain one would pick the same walkers.
         index = np.floor(((np.arange(min(count, total)) * 0.6180339887498949) % 1.0) * total).astype(int)
-        return np.asarray(self.flat[np.unique(index)])
+        return np.unique(index)
 
     @cached_property
     def map_estimate(self) -> np.ndarray:
@@ -377,13 +381,17 @@ class SamplingResult(ShownAsText):
     # --- ArviZ schema -------------------------------------------------------------------------------------------
 
     @check_arguments
-    def to_datatree(self, predictions: bool = True) -> xarray.DataTree:
+    def to_datatree(self, predictions: bool = True, thinned: int | None = None) -> xarray.DataTree:
         """Give everything in the ArviZ schema, for ArviZ 1; ArviZ before 1 reads what `to_netcdf` writes.
 
         Parameters
         ----------
         predictions : bool
             Include the groups that need simulations of thinned draws.
+        thinned : int, optional
+            How many draws every group has, the posterior included. When left out, all draws are in the posterior and 300 in the
+            groups of predictions. ArviZ's ``loo``, ``compare`` and ``loo_pit`` need the same draws in the posterior and in
+            ``log_likelihood``.
 
         Returns
         -------
@@ -393,16 +401,22 @@ class SamplingResult(ShownAsText):
         """
         import xarray
 
+        if thinned is not None and thinned < 2:
+            raise InputError("to_datatree(thinned)", f"{thinned}", "2 draws or more, best some hundred")
         # A walker is a chain. Particles are too many, and move for too few steps: those of an ensemble, one after the other.
         ensembles, pooled = self.sampler.ensembles, not self.sampler.starts_elsewhere
         count = ensembles if pooled else ensembles * self.sampler.walkers
 
+        places = None if thinned is None else self._evenly(thinned)
+
         def by_chain(array: np.ndarray) -> np.ndarray:
-            return array[self.discarded :].transpose(1, 2, 0).reshape(count, -1)
+            kept = array[self.discarded :]
+            return kept.transpose(1, 2, 0).reshape(count, -1) if places is None else kept.ravel()[None, places]
 
         groups = groups_of_draws(
             np.stack([by_chain(column) for column in np.moveaxis(self.history, -1, 0)], axis=-1),
-            np.repeat(np.arange(ensembles), count // ensembles),
+            # Thinned draws are one chain of draws that are as good as independent.
+            np.repeat(np.arange(ensembles), count // ensembles) if places is None else np.zeros(1, dtype=int),
             {"lp": by_chain(self.log_density), "accepted": by_chain(self.accepted)},
             self.target.units,
         )
@@ -411,7 +425,8 @@ class SamplingResult(ShownAsText):
                 warnings.simplefilter(
                     "ignore", StructidWarning
                 )  # draws of the prior are outside a surrogate's range, too
-                groups |= groups_of_measurement(self._measured, self.thinned(STORED_DRAWS), self.seed, predictions)
+                some = self.thinned(STORED_DRAWS if thinned is None else thinned)
+                groups |= groups_of_measurement(self._measured, some, self.seed, predictions)
         tree = xarray.DataTree.from_dict(groups)
         tree.attrs |= {
             **LIBRARY,
@@ -426,7 +441,7 @@ class SamplingResult(ShownAsText):
         return tree
 
     @check_arguments
-    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True) -> Path:
+    def to_netcdf(self, path: str | os.PathLike[str], predictions: bool = True, thinned: int | None = None) -> Path:
         """Write `to_datatree` to a netCDF file, whole or not at all.
 
         Parameters
@@ -435,6 +450,8 @@ class SamplingResult(ShownAsText):
             The file.
         predictions : bool
             Include the groups that need simulations.
+        thinned : int, optional
+            How many draws every group has, the posterior included; see `to_datatree`.
 
         Returns
         -------
@@ -443,6 +460,6 @@ class SamplingResult(ShownAsText):
         """
         file = Path(path)
         temporary = file.with_name(file.name + ".partial")
-        self.to_datatree(predictions).to_netcdf(temporary, engine="h5netcdf")
+        self.to_datatree(predictions, thinned).to_netcdf(temporary, engine="h5netcdf")
         temporary.replace(file)
         return file

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import functools
 import ipaddress
+import json
+import re
 import socket
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -23,6 +25,11 @@ from structid.models.face import Model
 from structid.models.traceable import as_traceable
 from structid.solvers.external import ExternalModel
 from structid.solvers.protocol import SolverError, Task
+
+NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
+"""How programs write a number that is none, where JSON has no word for it."""
+FIRST_WORDS = 160
+"""Signs of an answer that are shown where it is no answer."""
 
 
 @check_arguments
@@ -89,20 +96,14 @@ class UMBridgeModel(ExternalModel):
         config = dict(self.config)
         if self.send_record:
             config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
-        try:
-            model = _connected(self.url, self.name)
-            sizes = model.get_input_sizes(config)
-            if sum(sizes) != len(self.free):
-                raise SolverError(
-                    f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters"
-                )
-            values = iter(task.parameters.values())
-            inputs = [[next(values) for _ in range(size)] for size in sizes]
-            outputs = model(inputs, config)
-        except SolverError:
-            raise
-        except Exception as problem:
-            raise SolverError(f"the server at {self.url} did not answer: {type(problem).__name__}: {problem}") from None
+        _check_name(self.url, self.name)
+        asked = {"name": self.name, "config": config}
+        sizes = _answer(self.url, "InputSizes", asked, "inputSizes")
+        if sum(sizes) != len(self.free):
+            raise SolverError(f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters")
+        values = iter(task.parameters.values())
+        inputs = [[next(values) for _ in range(size)] for size in sizes]
+        outputs = _answer(self.url, "Evaluate", {**asked, "input": inputs}, "output")
         if len(outputs) != len(self.channels):
             raise SolverError(f"the server returned {len(outputs)} vectors for the channels {', '.join(self.channels)}")
         return dict(zip(self.channels, outputs, strict=True))
@@ -119,11 +120,38 @@ class UMBridgeModel(ExternalModel):
 
 
 @functools.cache
-def _connected(url: str, name: str) -> Any:
-    """Connect once in each process."""
-    import umbridge
+def _check_name(url: str, name: str) -> None:
+    """Refuse a model that the server does not offer; asked once in each process."""
+    offered = _answer(url, "Info", None, "models")
+    if name not in offered:
+        raise SolverError(f"the server at {url} has no model '{name}'; it offers {', '.join(map(str, offered))}")
 
-    return umbridge.HTTPModel(url, name)
+
+def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -> Any:
+    """Ask a server, and say of an answer that is none what it was: its status and its first words."""
+    try:
+        import requests
+    except ImportError:
+        raise SolverError("UM-Bridge is not installed here: pip install 'structid[umbridge]'") from None
+    try:
+        to = f"{url}/{what}"
+        response = requests.get(to) if question is None else requests.post(to, json=question)
+    except requests.RequestException as problem:
+        raise SolverError(f"the server at {url} did not answer: {type(problem).__name__}: {problem}") from None
+    # A run that diverged is written in many ways, most of which are no JSON: Python's reader knows NaN.
+    text = NOT_A_NUMBER.sub("NaN", response.text)
+    try:
+        answer = json.loads(text)
+    except ValueError:
+        answer = None
+    if isinstance(answer, dict) and "error" in answer:
+        error = answer["error"]
+        said = f"{error.get('type')}: {error.get('message')}" if isinstance(error, dict) else str(error)
+        raise SolverError(f"the server at {url} answered with an error: {said}")
+    if response.status_code >= 400 or not isinstance(answer, dict) or key not in answer:
+        words = " ".join(re.sub(r"<[^>]*>", " ", response.text).split())[:FIRST_WORDS] or "nothing"
+        raise SolverError(f"the server at {url} answered to {what} with HTTP status {response.status_code}: {words}")
+    return answer[key]
 
 
 class Served:
