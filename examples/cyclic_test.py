@@ -35,13 +35,16 @@ def fit(
     space = si.ParameterSpace(
         stiffness=si.Uniform(0.5 * secant, 30 * secant, unit="N/m"),
         alpha=si.Uniform(0.0, 0.3),
-        beta=si.Uniform(0.2 / scale, 30 / scale, unit="1/m"),
+        beta=si.Uniform(0.2 / scale, 10 / scale, unit="1/m"),
         gamma_ratio=si.Uniform(-1.0, 1.0),
         delta_nu=si.Uniform(0.0, 3.0 / (peak_f * peak_u), unit="kg/J"),
         delta_eta=si.Uniform(0.0, 3.0 / (peak_f * peak_u), unit="kg/J"),
         initial_hysteretic_displacement=si.Uniform(-0.05 * peak_u, 0.05 * peak_u, unit="m"),
     )
-    model = si.BoucWen(mass=1.0, free=space.names, channels=("restoring_force",), substeps=2)
+    # A step may be one and a half lengths on which the hysteretic force changes: 1.5 / (β + |γ|), for the stiffest spring allowed.
+    longest = np.abs(np.diff(displacement)).max()
+    substeps = int(np.ceil(longest * 2.0 * space.bounds[space.names.index("beta"), 1] / 1.5))
+    model = si.BoucWen(mass=1.0, free=space.names, channels=("restoring_force",), substeps=substeps)
     path = si.DisplacementHistory(displacement, 1.0, "cyclic test")
     posterior = si.Posterior(space, model, si.Observation(path, force, ("restoring_force",)))
     return posterior, si.optimize.interior_point(posterior.misfit, starts=starts, seed=1, iterations=150)

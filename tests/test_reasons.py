@@ -2,7 +2,7 @@
 
 import pytest
 
-from structid.reasons import counted_reasons, general_reason, grouped_reasons
+from structid.reasons import counted_reasons, general_reason, grouped_reasons, short_reason, with_words
 
 
 @pytest.mark.parametrize(
@@ -16,6 +16,20 @@ from structid.reasons import counted_reasons, general_reason, grouped_reasons
 )
 def test_reasons_are_counted_by_kind(reason, general):
     assert general_reason(reason) == (general or "exit code 3; it last said: zero pivot … in row 17")
+
+
+def test_the_last_three_lines_of_a_program_are_shown():
+    """Not what OpenSees says at its end whatever has happened; as many as fit."""
+    said = "step 3\nWARNING: no convergence\nnorm 1.2e-3\nanalysis failed at 0.42 s\n\nProcess 0 Terminating\n"
+    reason = with_words("exit code 1", said)
+    assert short_reason(reason) == (
+        "exit code 1; it last said: WARNING: no convergence | norm 1.2e-3 | analysis failed at 0.42 s"
+    )
+    assert short_reason(with_words("exit code 1", "Process 0 Terminating")) == "exit code 1"
+    assert (
+        short_reason(with_words("exit code 1", f"{'x' * 150}\n{'y' * 150}"))
+        == f"exit code 1; it last said: {'y' * 150}"
+    )
 
 
 def test_reasons_beyond_the_first_ten_are_counted():

@@ -144,6 +144,21 @@ class Status(IntEnum):
         return self in (Status.DIVERGED, Status.FAILED, Status.TIMED_OUT)
 
 
+ABBREVIATIONS = {
+    "lhs": "latin_hypercube",
+    "qmc": "sobol",
+    "sdof": "bouc_wen",
+    "mdof": "shear_frame",
+    "gp": "pod_kriging",
+    "kriging": "pod_kriging",
+    "pce": "pod_pce",
+    "hmc": "nuts",
+    "emcee": "aies",
+    "tmcmc": "smc",
+}
+"""What is meant by abbreviations of the field that are unlike the names here."""
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
     """Say which known name is nearest to a wrong one.
 
@@ -159,7 +174,9 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     str
         ``"Did you mean 'stiffness'?"``, or an empty string when nothing is near.
     """
-    close = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
+    names = list(known)
+    meant = ABBREVIATIONS.get(name.lower())
+    close = [meant] if meant in names else difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return f"Did you mean '{close[0]}'?" if close else ""
 
 

@@ -22,6 +22,12 @@ from structid.units import factor
 
 NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""
+KNOWN_NUISANCES = {
+    "gain": "A known gain is divided out of the values: -values, where a sensor points the other way.",
+    "offset": "A known offset is subtracted from the values.",
+    "time_shift": "A known shift is given to Observation.read, which moves the values.",
+}
+"""What to do with a nuisance that is known."""
 
 
 SAME_STEP = 1e-6
@@ -85,9 +91,9 @@ class Observation:
             if not isinstance(prior := getattr(self, name), Marginal | None):
                 raise InputError(
                     f"{where}: {name}",
-                    f"{prior!r}",
-                    "a prior, such as Normal(0.0, 0.01)",
-                    "Apply what is known to the values. (Observation.read takes a known time_shift.)",
+                    "a number" if isinstance(prior, (int, float, np.number)) else f"{prior!r}",
+                    f"a prior, such as {'Normal(1.0, 0.05)' if name == 'gain' else 'Normal(0.0, 0.01)'}",
+                    KNOWN_NUISANCES[name],
                 )
         if not isinstance(self.record, Excitation):
             raise InputError(

@@ -12,6 +12,10 @@ _NUMBER = re.compile(
 )
 
 
+_FAREWELL = re.compile(r"Process \d+ Terminating")
+"""What OpenSees says last, whatever has happened."""
+LINES_SHOWN, LONGEST = 3, 200
+"""Lines of a solver's output in a reason of one line, and the length of such a line."""
 SHOWN = 10
 """Reasons that a list of them shows."""
 
@@ -97,7 +101,7 @@ def _without_place(reason: str) -> str:
 
 
 def short_reason(reason: str) -> str:
-    """Shorten a reason to one line: how the run ended, and the last line of the solver's output.
+    """Shorten a reason to one line: how the run ended, and the last three lines of the solver's output that fit.
 
     Parameters
     ----------
@@ -111,6 +115,9 @@ def short_reason(reason: str) -> str:
     """
     place = _PLACE.search(reason)
     how, said, words = _PLACE.sub("", reason).partition(_LAST_SAID)
-    lines = [line.strip() for line in words.splitlines() if line.strip()]
-    text = how.split("\n")[0] + (said + lines[-1] if lines else "")
-    return (text if len(text) <= 160 else text[:159] + "…") + (place.group() if place else "")
+    lines = [line.strip() for line in words.splitlines() if line.strip() and not _FAREWELL.fullmatch(line.strip())]
+    lines = lines[-LINES_SHOWN:]
+    while len(lines) > 1 and len(how) + len(" | ".join(lines)) > LONGEST:
+        lines = lines[1:]
+    text = how.split("\n")[0] + (said + " | ".join(lines) if lines else "")
+    return (text if len(text) <= LONGEST else text[: LONGEST - 1] + "…") + (place.group() if place else "")

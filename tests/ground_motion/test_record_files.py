@@ -1,10 +1,13 @@
 """Headers of accelerograms: many ways to say the same record are read to the same numbers; what is no such record is refused."""
 
+import re
+
 import numpy as np
 import pytest
 
 import structid as si
 from structid.errors import InputError
+from structid.ground_motion.readers import read_columns
 
 VALUES = np.array([0.0123, -0.0456, 0.1, -0.25, 0.3, 0.0, -0.0789, 0.0005])
 G = 9.80665
@@ -195,3 +198,58 @@ def test_points_commas_semicolons_and_encodings(text, encoding, tmp_path):
     record = si.GroundMotion.read(tmp_path / "r.csv", unit="m/s^2")
     assert record.dt == 0.01
     np.testing.assert_array_equal(record.values, [0.5, -0.25, 1.5])
+
+
+SECONDS = np.arange(201) * 0.01
+
+
+def cells(tmp_path, rows):
+    file = tmp_path / "logger.csv"
+    file.write_text("\n".join(["time,v", *rows]), encoding="utf-8")
+    return file
+
+
+@pytest.mark.parametrize(
+    "row",
+    ['"{0:.2f}","{1:.6f}"', '"{0:.2f}" , "{1:.6f}"', '"{0:.2f}";"{1:.6f}"', '{0:.2f},"{1:.6f}"'],
+)  # fmt: skip
+@pytest.mark.parametrize("comma", [False, True])
+def test_cells_in_quotes_are_read(tmp_path, row, comma):
+    rows = [row.format(t, np.sin(t)) for t in SECONDS]
+    if comma:
+        rows = [re.sub(r"(?<=\d)\.(?=\d)", ",", line) if line.count('"') == 4 else line for line in rows]
+    step, values = read_columns(cells(tmp_path, rows), "m/s")[1:]
+    assert step == 0.01
+    np.testing.assert_allclose(values[:, 0], np.sin(SECONDS), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "stamp", ["2026-01-01 00:00:{0:05.2f}", "2026-01-01T00:00:{0:05.2f}Z", "0:00:{0:05.2f}", '"00:00:{0:05.2f}"']
+)
+def test_dates_are_named_and_left_out_where_the_step_is_given(tmp_path, stamp):
+    file = cells(tmp_path, [f"{stamp.format(t)},{np.sin(t):.6f}" for t in SECONDS])
+    with pytest.raises(InputError, match=r"line 2: a date or a time of day, '.*00:00.00.*dt=0.01, column=1"):
+        read_columns(file, "m/s")
+    np.testing.assert_allclose(read_columns(file, "m/s", 0.01, 1).values[:, 0], np.sin(SECONDS), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("rate", "digits"), [(256.0, 4), (200.0, 3), (128.0, 4), (51.2, 4), (100.0, 2), (1 / 0.0137, 4)]
+)
+def test_the_step_of_rounded_times_is_the_simplest_that_they_allow(tmp_path, rate, digits):
+    """As far as their last digit tells; a record of such a file can be resampled."""
+    time = np.arange(4001) / rate
+    file = cells(tmp_path, [f"{t:.{digits}f},{np.sin(t):.6f}" for t in time])
+    step, values = read_columns(file, "m/s^2")[1:]
+    assert step == pytest.approx(1.0 / rate, rel=1e-15)
+    resampled = si.GroundMotion(values[:, 0], step).resample(0.005)
+    assert resampled.dt == 0.005 and resampled.duration <= time[-1] * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("jump", [0.05, -2.0])
+def test_a_jump_in_time_is_named_where_it_is(tmp_path, jump):
+    time = np.arange(1000) * 0.01
+    time[700:] += jump
+    file = cells(tmp_path, [f"{t:.4f},{np.sin(t):.6f}" for t in time])
+    with pytest.raises(InputError, match=r"line 702: time .* after 6\.99 s, where the step is 0\.01 s elsewhere"):
+        read_columns(file, "m/s^2")

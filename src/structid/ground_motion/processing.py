@@ -187,6 +187,8 @@ def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
             f"The nearest such step is {nearest}.",
         )
     check_samples("resample: dt", signal.size * up / down)
+    if up == down:
+        return signal.copy()
     # A whole number of coarse steps in front, so that the first sample stays where it is.
     beyond = down * (KERNEL * max(up, down) // (up * down) + 1)
     padded = np.pad(signal, beyond, mode="reflect", reflect_type="odd")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import os
 import re
 from collections.abc import Sequence
@@ -26,6 +27,10 @@ ROUNDED_TIME = 0.05
 """Most that a printed time may be off, in steps."""
 LARGEST_DENOMINATOR = 100_000
 """Of a time step as a fraction of a second: beyond it, no instrument's clock is meant."""
+
+_DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,]\d+)?)?Z?"
+_STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
+"""A date, a time of day, or both, at the beginning of a line."""
 
 _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
 """A number, perhaps with a decimal comma."""
@@ -134,7 +139,14 @@ def read_columns(
     InputError
         If the file is empty, a value is not a number, or the step of the time column is not constant.
     """
-    table, numbers, titles = _table(path)
+    table, numbers, titles, stamp = _table(path)
+    if stamp and dt is None:
+        raise InputError(
+            f"{path}, line {numbers[0]}",
+            f"a date or a time of day, '{stamp}', in the first column",
+            "times in seconds, or a time step",
+            "Give the step and the column of the values: dt=0.01, column=1.",
+        )
     wanted = [_column(path, table, numbers, dt, len(others)) if column is None else column, *others]
     for index in wanted:
         if not 0 <= index < table.shape[1]:
@@ -183,13 +195,20 @@ def _check_unit_of_title(where: str, title: str, unit: str) -> None:
         raise InputError(where, f"the column is called '{title.strip()}', and unit='{unit}' is given", "one unit", cure)
 
 
-def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[str]]:
-    """All numbers of a file (line, column), the numbers of its lines, and the words of the line above the first."""
+def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[str], str]:
+    """All numbers of a file (line, column), the numbers of its lines, the words of the line above the first, and a date stamp.
+
+    Dates and times of day in the first column are zeros in the table; the first of them is the stamp.
+    """
     rows: list[list[float]] = []
     numbers: list[int] = []
     titles: list[str] = []
+    first_stamp = ""
     for number, line in enumerate(lines_of(path), start=1):
         text = line.strip()
+        if stamp := _STAMP.match(text):
+            first_stamp = first_stamp or stamp[1]
+            text = f"0{text[stamp.end() :]}"
         if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
             titles = titles if rows else _titles(text)
             continue
@@ -200,7 +219,7 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[st
         numbers.append(number)
     if len(rows) < 2:
         raise InputError(f"{path}", f"{len(rows)} lines of numbers", "two or more")
-    return np.array(rows), numbers, titles
+    return np.array(rows), numbers, titles, first_stamp
 
 
 def _titles(text: str) -> list[str]:
@@ -214,6 +233,10 @@ def _in_columns(text: str) -> str:
     Values are apart by semicolons, spaces or commas. A comma within a number is a decimal one where something else is between
     the numbers: ``0,01; 0,35`` and ``0,01  0,35``, but not ``0,1``.
     """
+    if '"' in text:
+        separator = ";" if ";" in re.sub(r'"[^"]*"', "", text) else ","
+        cells = next(csv.reader([text], delimiter=separator, skipinitialspace=True))
+        return " ".join(cell.strip().replace(",", ".") for cell in cells)
     words = text.split(";") if ";" in text else text.split()
     decimal = ";" in text or (len(words) > 1 and any("," in w for w in words))
     if decimal and all(_MAYBE_DECIMAL_COMMA.fullmatch(word.strip()) for word in words if word.strip()):

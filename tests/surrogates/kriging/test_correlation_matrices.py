@@ -7,10 +7,18 @@ import numpy as np
 import pytest
 
 from structid.device import jnp
+from structid.surrogates.kriging import correlation_matrices
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.correlations import FAMILIES, correlation
 
 pytestmark = pytest.mark.quick
+
+
+@pytest.fixture(autouse=True, params=[True, False], ids=["numpy", "compiled"])
+def small(request, monkeypatch):
+    """Small designs go by NumPy, large ones by compiled code: here the same design by both."""
+    monkeypatch.setattr(correlation_matrices, "SMALL_DESIGN", 10**6 if request.param else 0)
+
 
 RNG = np.random.default_rng(2)
 POINTS, OTHERS = RNG.normal(size=(37, 3)), RNG.normal(size=(5, 3))
@@ -40,3 +48,13 @@ def test_every_gradient(family, separable):
     found = CorrelationMatrices(family, separable, POINTS).gradient(LOG_LENGTHS, weights)
     expected = jax.grad(lambda lengths: jnp.sum(weights * correlation(family, separable, POINTS, POINTS, lengths)))
     np.testing.assert_allclose(found, expected(LOG_LENGTHS), rtol=1e-10)
+
+
+@pytest.mark.parametrize("separable", [True, False])
+@pytest.mark.parametrize("family", FAMILIES)
+def test_several_sets_of_lengths_at_once(family, separable, monkeypatch):
+    matrices, lengths = CorrelationMatrices(family, separable, POINTS), LOG_LENGTHS + RNG.normal(size=(5, 3))
+    each = np.stack([matrices.of(one) for one in lengths])
+    np.testing.assert_array_equal(matrices.of_several(lengths), each)
+    monkeypatch.setattr(correlation_matrices, "LARGEST_CALL", 2 * 37**2)  # in three calls
+    np.testing.assert_array_equal(matrices.of_several(lengths), each)

@@ -178,3 +178,22 @@ def test_what_a_fit_refuses():
         )
     with pytest.raises(InputError, match="nugget"):
         si.Kriging(nugget=-1.0)
+
+
+@pytest.mark.parametrize("noise", [0.05, 1e-3, 1e-4])
+@pytest.mark.parametrize("nugget", [0.0, "estimate"])
+def test_with_noisy_runs_it_is_never_sure_of_what_is_wrong(noise, nugget):
+    """y = sin 5a + b + noise of 300 runs: errors beyond three deviations are rare, and no deviation is zero.
+
+    Of normal errors 0.3 % are; the deviations of one fit are wrong together, so that up to 5 % are let pass.
+    """
+    space = si.ParameterSpace(a=si.Uniform(0.0, 1.0), b=si.Uniform(0.0, 1.0))
+    design = space.sample(300, seed=1)
+    true = lambda x: np.sin(5.0 * x[:, 0]) + x[:, 1]  # noqa: E731
+    values = true(design.values) + noise * np.random.default_rng(0).standard_normal(300)
+    points = space.sample(500, seed=2).values
+    mean, deviation = si.Kriging(nugget=nugget).fit(design, values).predict(points, return_std=True)
+    error = np.abs(mean[:, 0] - true(points))
+    assert (deviation > 0.0).all()
+    assert np.mean(error > 3.0 * deviation[:, 0]) < 0.05
+    assert deviation.mean() < 2.0 * noise  # and it says no more than the noise
