@@ -18,7 +18,7 @@ MISTAKES = 200
 LINES = [line for line in SMALL.splitlines() if "=" in line and line[0].isalpha()]
 REQUIRED = ("synthetic", "type", "mass", "distribution", "mean", "sd")
 """Keys of which one at least must stand where it stands."""
-WRONG_UNITS = ("furlong", "kg*s", "V", "K")
+WRONG_UNITS = ("furlong", "kg*s", "V", "K", "degC", "dB", "ton")
 RANGES = {
     "lowpass": ["-5 Hz", "900 Hz"], "pga": ["-1 m/s^2", "0 m/s^2"], "mass": ["-12 t", "0 t"], "damping_ratio": ["-3 %", "nan"],
     "sd": [0, -1.0], "walkers": [3, 7, 0], "ensembles": [0, -1], "steps": [0, 1], "starts": [0, -4], "seed": [-1, 1.5],
