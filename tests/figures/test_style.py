@@ -2,12 +2,14 @@
 
 import sys
 import types
+from itertools import pairwise
 
 import matplotlib
 import numpy as np
 import pytest
 import scipy.stats
 
+from structid.figures import response
 from structid.figures.style import canvas, density, finish, in_powers_of_ten, shown, styled
 
 
@@ -73,3 +75,17 @@ def test_a_notebook_shows_a_figure_as_a_picture(monkeypatch):
     assert known[type(figure)](figure).startswith(b"\x89PNG")
     monkeypatch.setitem(sys.modules, "IPython", types.SimpleNamespace(get_ipython=lambda: None))
     canvas()  # IPython is imported, and no notebook runs
+
+
+@pytest.mark.parametrize("name", ["velocity", "absolute acceleration 2", "relative displacement of the upper floor"])
+def test_labels_of_panels_below_each_other_do_not_overlap(name):
+    time = np.linspace(0.0, 10.0, 200)
+    wave, edges = np.sin(time), (np.sin(time) - 0.1, np.sin(time) + 0.1)
+    for figure in (
+        response.bands(time, wave, wave, edges, edges, name, "m/s^2"),
+        response.histories(time, [wave] * 3, [name] * 3, ["m/s^2"] * 3),
+    ):
+        renderer = figure.canvas.get_renderer()
+        figure.canvas.draw()
+        boxes = [axis.yaxis.label.get_window_extent(renderer) for axis in figure.axes]
+        assert len(boxes) == 3 and not any(a.overlaps(b) for a, b in pairwise(boxes))

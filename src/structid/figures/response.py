@@ -16,6 +16,7 @@ from structid.figures.style import (
     MUTED,
     canvas,
     finish,
+    in_lines,
     name_axes,
     plain_ticks,
     pretty,
@@ -60,7 +61,7 @@ def histories(
     figure, axes = canvas(len(columns), 1, height=1.7, sharex=True)
     for axis, values, name, unit in zip(axes[:, 0], columns, names, units, strict=True):
         axis.plot(time, values, color=ACCENT, lw=0.8)
-        axis.set_ylabel(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name))
+        axis.set_ylabel(in_lines(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name)))
         axis.set_xlim(time[0], time[-1])
     axes[-1, 0].set_xlabel("time [s]")
     return finish(figure, title, save)
@@ -107,7 +108,7 @@ def measurement_on_record(
             axis.plot(time, values, color=MUTED if row == 0 else MEASURED, lw=0.9, label="measured")
             if row and modelled is not None:
                 axis.plot(time, modelled[row - 1], color=MODEL, lw=0.8, label="model at the priors' medians")
-        axes[row, 0].set_ylabel(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name))
+        axes[row, 0].set_ylabel(in_lines(f"{pretty(name)} [{pretty_unit(unit)}]" if unit else pretty(name)))
         axes[row, 0].set_xlim(time[0], time[-1])
         axes[row, 1].set_xlim(max(time[0], middle - span), min(time[-1], middle + span))
     if modelled is not None:

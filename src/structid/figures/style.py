@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import textwrap
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Drawing = TypeVar("Drawing", bound=Callable[..., Any])
+
+LABEL_WIDTH = 21
+"""Signs of a label along the height of a low panel."""
 
 MEASURED, MODEL, PRIOR, ACCENT, MUTED = "#1a1a1a", "#c1440e", "#8a8f98", "#1f6f8b", "#b8bcc4"
 """Colours: measurement, model (posterior), prior, accent, secondary lines."""
@@ -241,7 +245,23 @@ def name_axes(axis: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
         Name and unit.
     """
     axis.set_xlabel(label(*x))
-    axis.set_ylabel(label(*y))
+    axis.set_ylabel(in_lines(label(*y)))
+
+
+def in_lines(text: str) -> str:
+    """Break a label that is longer than a low panel is high, so that those of neighbouring panels do not overlap.
+
+    Parameters
+    ----------
+    text : str
+        A label.
+
+    Returns
+    -------
+    str
+        The same in lines of at most `LABEL_WIDTH` signs, broken between words.
+    """
+    return "\n".join(textwrap.wrap(text, LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)) or text
 
 
 def plain_ticks(axis: Axis) -> None:
