@@ -78,3 +78,28 @@ def test_a_kilonewton_is_no_knot():
 def test_units_that_are_easily_mixed_up_have_their_own_cure(value, unit, cure):
     with pytest.raises(InputError, match=cure):
         units.to_si(value, unit)
+
+
+@pytest.mark.parametrize("unit", ["degC", "degF", "celsius", "dB", "dBm"])
+def test_a_unit_that_is_no_factor_is_refused(unit):
+    """25 °C is 298.15 K and 20 dB a ratio of 100 or of 10: a scale read by a factor would be wrong without a word."""
+    with pytest.raises(InputError, match=f"unit '{unit}': a scale with a zero of its own, or a logarithmic one"):
+        units.factor(unit)
+    assert units.factor("delta_degC") == units.factor("K") == 1.0
+
+
+@pytest.mark.parametrize(
+    ("unit", "cure"),
+    [
+        ("ton", "short_ton"),
+        ("tons", "short_ton"),
+        ("kton", "'t' for 1000 kg"),
+        ("tonf/m", "'tf'"),
+        ("pH", "an acidity"),
+    ],
+)
+def test_a_word_of_several_meanings_is_refused(unit, cure):
+    with pytest.raises(InputError, match=cure):
+        units.factor(unit)
+    assert units.factor("t") == 1000.0 and units.factor("short_ton") == pytest.approx(907.18474)
+    assert units.factor("tf") == pytest.approx(9806.65)

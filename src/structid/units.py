@@ -109,7 +109,7 @@ def factor(unit: str) -> float:
     Raises
     ------
     InputError
-        If the unit is unknown.
+        If the unit is unknown, means several things, as a ton does, or is no factor, as a degree Celsius is not.
     """
     return float(_si_quantity(unit).magnitude)
 

@@ -175,7 +175,7 @@ def test_a_program_in_a_study(folder):
 
 def test_the_cost_of_an_external_study_is_told(folder):
     told = structid("check", "study.toml", cwd=folder)
-    assert told.returncode == 0, told.stderr
+    assert told.returncode == 0 and "with another point between" not in told.stdout, told.stderr
     assert "Campaign: 12 model runs one after another" in told.stdout and "--executor" in told.stdout
     assert "Sampling: 320 model runs" in told.stdout
 
@@ -245,3 +245,20 @@ def test_a_server_in_a_study_that_does_not_answer(folder):
     (folder / "served.toml").write_text(RUNS_ONLY[:start] + section + RUNS_ONLY[end:])
     runs = run_study(folder / "served.toml", folder / "out").runs
     assert runs.counts[Status.FAILED] == 12 and "the server at http://127.0.0.1:9 did not answer" in runs.reasons[0]
+
+
+def test_a_solver_that_remembers_the_run_before(folder):
+    """The first run is at the medians, and so is the third: what the second has left behind shows."""
+    text = (folder / SOLVER).read_text()
+    assert "    return velocities\n" in text
+    (folder / SOLVER).write_text(
+        text.replace(
+            "    return velocities\n",
+            "    count = Path(__file__).with_name('count')\n"
+            "    runs = len(count.read_text()) if count.exists() else 0\n"
+            "    count.write_text('x' * (runs + 1))\n"
+            "    return [(1.0 + 0.01 * runs) * velocity for velocity in velocities]\n",
+        ).replace("from itertools", "from pathlib import Path\nfrom itertools")
+    )
+    done = structid("check", "study.toml", cwd=folder)
+    assert done.returncode == 2 and "with another point between, the model differs by" in done.stdout, done.stdout

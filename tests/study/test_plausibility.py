@@ -86,3 +86,25 @@ def test_measurement_and_model_are_drawn_on_the_record(study, tmp_path):
     done = structid("check", "study.toml", "--plot", "figures", cwd=tmp_path)
     assert done.returncode == 0 and "measurement_1.png" in done.stdout, done.stdout
     assert {f.name for f in (tmp_path / "figures").iterdir()} == {"measurement_1.png", "measurement_1.pdf"}
+
+
+def test_exact_data_of_a_model_that_can_be_right_are_refused(tmp_path):
+    """The variance of errors that are zero has no posterior; given as a number, the study is one."""
+    noiseless = re.sub(r"delta_\w+ = [\d.]+", "", SMALL.replace('noise = "2 %"', "noise = 0"))
+    (tmp_path / "study.toml").write_text(noiseless)
+    done = structid("check", "study.toml", cwd=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert "key 'observation.virtual.noise': 0, and the model can be exactly right" in done.stderr, done.stderr
+    (tmp_path / "study.toml").write_text(
+        re.sub(r"\[discrepancy\]\n", '[discrepancy]\nvariance = "1e-6 m^2/s^2"\n', noiseless)
+    )
+    done = structid("check", "study.toml", cwd=tmp_path)
+    assert "exactly right" not in done.stderr + done.stdout, done.stderr
+
+
+def test_a_pga_that_no_ground_has_shown(tmp_path):
+    first, second = SMALL.split("[[prediction.records]]")
+    text = "[[prediction.records]]".join([first, second.replace('pga = "1.8 m/s^2"', 'pga = "45 g"', 1)])
+    (tmp_path / "study.toml").write_text(text)
+    done = structid("check", "study.toml", cwd=tmp_path)
+    assert done.returncode == 2 and "has a PGA of 45 g, more than any ground has shown" in done.stdout, done.stdout

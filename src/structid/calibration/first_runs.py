@@ -10,6 +10,7 @@ import numpy as np
 from structid.calibration.plan import FEWEST_IN_A_BATCH
 from structid.calibration.true_runs import TrueRuns
 from structid.errors import InputError, UnlikeMeasuredWarning
+from structid.inference.assessment.recorded_faults import questions_of_the_measurement
 from structid.inference.assessment.side_by_side import SideBySide
 from structid.observation import Observation
 from structid.probability.designs import Design
@@ -49,7 +50,7 @@ def make_first_runs(
 
 
 def warn_of_mistakes(true: TrueRuns) -> None:
-    """Warn of what all first runs show beside the measurements: a wrong unit, sign or clock.
+    """Warn of what the measurements show, and all first runs beside them: a wrong unit, sign or clock.
 
     Parameters
     ----------
@@ -68,6 +69,9 @@ def warn_of_mistakes(true: TrueRuns) -> None:
         nearest = (
             f"All of the first {len(finished)} runs say so; these figures are of that nearest to the priors' medians."
         )
+        display = {name: unit.display for name, unit in true.model.channel_units.items()}
+        for question in questions_of_the_measurement(observation, display):
+            warnings.warn(question, UnlikeMeasuredWarning, stacklevel=5)
         for question in asked.values():
             warnings.warn(f"{question} {nearest}", UnlikeMeasuredWarning, stacklevel=5)
 

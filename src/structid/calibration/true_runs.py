@@ -126,8 +126,9 @@ class TrueRuns:
             return
         reason, _ = self.runs.failures[0]
         raise CampaignStoppedError(
-            f"None of the first {len(self.runs)} runs of the model has finished. Mostly: {reason} Mend the model, try it by "
-            "structid check, and begin anew in another folder."
+            f"None of the first {len(self.runs)} runs of the model has finished. Mostly: {reason.rstrip('.')}. Are the priors "
+            "in the units that you mean? Mend the model or the priors, try them by structid check, and begin anew in "
+            "another folder."
         )
 
     def refuse_rest(self) -> None:

@@ -10,14 +10,25 @@ import numpy as np
 
 from structid.errors import Status
 from structid.figures import response as figures
+from structid.ground_motion.record import GroundMotion
+from structid.inference.assessment.recorded_faults import clipped, gap, questions_of_the_measurement
 from structid.inference.assessment.side_by_side import SideBySide
 from structid.models.prior_checks import unstable_in_words, unstable_share
 from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
-from structid.units import factor
+from structid.units import STANDARD_GRAVITY, factor
 
 PRIOR_DRAWS = 1024
 """Draws of the priors that say what follows from them."""
+
+LARGEST_PGA = 5.0
+"""More than any ground has shown [g]: 4.4 g, of all components together, at IWTH25 in Iwate-Miyagi in 2008."""
+
+BETWEEN = 0.25
+"""Probability of each parameter, by its prior, at the point that is run between two runs of one point."""
+
+SAME = 1e-6
+"""Difference of two runs of one point, in parts of the peak, that may be the rounding of sums in another order."""
 
 
 @dataclass(frozen=True)
@@ -83,17 +94,21 @@ def plausibility(study: BuiltStudy) -> Plausibility:
     Returns
     -------
     Plausibility
-        Empty for a study without an observation.
+        Without an observation, only what the records show by themselves.
     """
+    questions = _of_the_records(study)
     if study.posterior is None:
-        return Plausibility((), ())
+        return Plausibility((), tuple(questions))
     space = study.space
-    medians = Design(space.from_uniform(np.full((1, space.dimension), 0.5)), space)
+    medians = _point(study, 0.5)
     said: list[str] = _of_the_priors(study)
     unstable = unstable_in_words(unstable_share(space, study.model))
-    questions = [unstable] if unstable else []
+    questions += [unstable] if unstable else []
     compared: list[tuple[SideBySide, ...]] = []
     for observation in study.posterior.observations:
+        questions += questions_of_the_measurement(
+            observation, {name: unit.display for name, unit in study.model.channel_units.items()}
+        )
         run = study.model.simulate(study.model.parameters(medians), observation.record)
         if not run.done[0]:
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"
@@ -106,7 +121,53 @@ def plausibility(study: BuiltStudy) -> Plausibility:
         for pair in pairs:
             said.append(f"At the priors' medians the {pair.sentence}")
             questions += pair.questions.values()
+    if compared and not study.model.batched:
+        questions += _of_memory(study, compared[0])
     return Plausibility(tuple(said), tuple(questions), tuple(compared))
+
+
+def _point(study: BuiltStudy, probability: float) -> Design:
+    """The point at which every parameter has this probability by its prior."""
+    space = study.space
+    return Design(space.from_uniform(np.full((1, space.dimension), probability)), space)
+
+
+def _of_the_records(study: BuiltStudy) -> list[str]:
+    """What the records of ground motions show by themselves."""
+    measured = [o.record for o in study.posterior.observations] if study.posterior is not None else []
+    records = {
+        id(r): r for r in (*measured, *study.campaign_records, *study.other_records) if isinstance(r, GroundMotion)
+    }
+    questions = []
+    for record in records.values():
+        name = f"record {record.name}" if record.name else "record"
+        if record.pga > LARGEST_PGA * STANDARD_GRAVITY:
+            questions.append(
+                f"The {name} has a PGA of {record.pga / STANDARD_GRAVITY:.3g} g, more than any ground has shown (4.4 g). "
+                "Is the unit of its file right? A specimen at a reduced scale may see more."
+            )
+        questions += [gap(name, record.values, record.dt), clipped(name, record.values, record.unit)]
+    return [question for question in questions if question]
+
+
+def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:
+    """Whether an external model is the same function of the parameters again after another point: a certificate needs that."""
+    record = first[0].record
+    study.model.simulate(study.model.parameters(_point(study, BETWEEN)), record)
+    again = study.model.simulate(study.model.parameters(_point(study, 0.5)), record)
+    if not again.done[0]:
+        return [f"Run twice at the priors' medians, the model finishes once: {again.reasons[0]}"]
+    pairs = SideBySide.of({c: again.channel(c)[0] for c in again.channels}, again.units, first[0].observation)
+    differences = [
+        float(np.abs(one.modelled - other.modelled).max()) / float(np.abs(one.modelled).max() or 1.0)
+        for one, other in zip(first, pairs, strict=True)
+    ]
+    if max(differences) < SAME:
+        return []
+    return [
+        f"Run twice at the priors' medians, with another point between, the model differs by {max(differences):.2g} of its peak. "
+        "Does it keep something of the run before, or draw random numbers? Start each run anew, with a fixed seed."
+    ]
 
 
 def _of_the_priors(study: BuiltStudy) -> list[str]:

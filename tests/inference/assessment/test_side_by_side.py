@@ -12,11 +12,11 @@ RECORD = si.GroundMotion(np.sin(TIME), DT, name="sine")
 RESPONSE = PEAK * np.sin(2.0 * np.pi * 1.5 * TIME) * np.exp(-(((TIME - 8.0) / 3.0) ** 2))
 
 
-def questions(modelled, measured):
+def questions(modelled, measured, **nuisances):
     from structid.channels import standard_unit
     from structid.inference.assessment.side_by_side import SideBySide
 
-    observation = si.Observation(RECORD, measured, channels=("displacement",))
+    observation = si.Observation(RECORD, measured, channels=("displacement",), **nuisances)
     (pair,) = SideBySide.of({"displacement": modelled}, {"displacement": standard_unit("displacement")}, observation)
     return " ".join(pair.questions.values())
 
@@ -40,6 +40,21 @@ def test_what_is_asked_for(modelled, said):
     assert said in questions(modelled, RESPONSE)
 
 
+def test_a_gain_of_minus_one_is_no_reversed_sign():
+    assert questions(-RESPONSE, RESPONSE, gain=si.Normal(-1.0, 0.05, high=0.0)) == ""
+    assert "the sign reversed" in questions(RESPONSE, RESPONSE, gain=si.Normal(-1.0, 0.05, high=0.0))
+    assert questions(-RESPONSE, RESPONSE, gain=si.Uniform(-2.0, 2.5)) == ""  # what the data are asked for
+    assert questions(100.0 * RESPONSE, RESPONSE, gain=si.Normal(0.01, 0.001)) == ""
+
+
+def test_a_higher_mode_and_a_drift_are_no_wrong_stiffness():
+    second = 0.5 * PEAK * np.sin(2.0 * np.pi * 6.1 * TIME) * np.exp(-(((TIME - 8.0) / 3.0) ** 2))
+    drift = 5.0 * PEAK / (1.0 + np.exp(8.0 - TIME))
+    assert questions(RESPONSE + second, RESPONSE + 3.0 * second) == ""
+    assert "mainly" not in questions(RESPONSE, RESPONSE + drift)
+    assert "mainly" in questions(second, RESPONSE + drift)
+
+
 @pytest.fixture(scope="module")
 def measured():
     record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(3.0, 7.0).scale_to_pga(2.0)
@@ -54,7 +69,7 @@ def priors(stiffness):
     )
 
 
-@pytest.mark.parametrize(("stiffness", "scale"), [(7400.0, 1.0), (7.4, 1e3)], ids=["prior", "measurement"])
+@pytest.mark.parametrize(("stiffness", "scale"), [(740.0, 1.0), (7.4, 1e3)], ids=["prior", "measurement"])
 def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale):
     """Every figure may be certified, since the surrogate is that of the model: only the units are wrong."""
     model, record, y = measured
@@ -63,6 +78,14 @@ def test_a_calibration_with_a_wrong_unit_asks_for_it(measured, stiffness, scale)
     verdict = found.verdict()
     assert verdict.another_size and "times the measured peak: are the units" in verdict.wrong_model[0]
     assert "damped_cosine" not in str(verdict)  # no law of errors mends a unit
+
+
+def test_a_unit_so_wrong_that_no_run_finishes_is_asked_for(measured):
+    model, record, y = measured
+    with pytest.raises(
+        si.StructidError, match=r"too long for the stiffness.*Are the priors in the units that you mean"
+    ):
+        si.calibrate(model, priors(7400.0), si.Observation(record, y), seed=1, true_runs=60)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,14 @@ WRONG_BY = 8.0
 OUT_OF_TUNE = 3.0
 """The same of main frequencies: nine times the stiffness, or the mass."""
 
-OFFSET = 2.0
-"""Mean of a measurement over its standard deviation, beyond which it is likely to have an offset."""
+SHARED = 0.1
+"""Share of its largest amplitude that a spectrum has near the other's main frequency, if both have modes in common."""
+
+FEWEST_CYCLES = 3
+"""In the whole history, below which it is no vibration but a drift, such as that to a residual displacement."""
+
+NEAR = 0.2
+"""Half the width of what is near a frequency, in parts of it."""
 
 OPPOSITE = -0.6
 """Correlation of model and measurement, below which a sign is likely to be reversed."""
@@ -38,7 +44,7 @@ class SideBySide:
     channel, unit : str
         Its name and display unit.
     modelled, measured : ndarray, shape (time,)
-        Both histories, in SI.
+        Both histories, in SI, the first one as the instrument would show it.
     observation : Observation
         That it was measured in.
     """
@@ -62,15 +68,16 @@ class SideBySide:
         units : mapping of str to ChannelUnit
             Of the same.
         observation : Observation
-            What was measured.
+            What was measured. An instrument shows the response times the gain, of which the median is taken here.
 
         Returns
         -------
         tuple of SideBySide
             One for each measured channel.
         """
+        gain = 1.0 if observation.gain is None else float(observation.gain.quantile(np.array([0.5]))[0])
         return tuple(
-            cls(channel, units[channel].display, response[channel], observation.values[:, i], observation)
+            cls(channel, units[channel].display, gain * response[channel], observation.values[:, i], observation)
             for i, channel in enumerate(observation.channels)
         )
 
@@ -98,11 +105,10 @@ class SideBySide:
 
     @property
     def questions(self) -> dict[str, str]:
-        """What does not fit, a sentence for each kind: size, frequency, offset, sign, clock."""
+        """What does not fit, a sentence for each kind: size, frequency, sign, clock."""
         asked = {
             "size": self._of_size,
             "frequency": self._of_frequency,
-            "offset": self._of_offset,
             "sign": self._of_sign,
             "clock": self._of_clock,
         }
@@ -119,8 +125,16 @@ class SideBySide:
 
     @property
     def _of_frequency(self) -> str:
+        """Whether the main frequencies differ, and neither is one of the other's: a drift and a higher mode are in both."""
         low, high = sorted(self._frequencies)
         if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
+            return ""
+        modelled, measured = self._frequencies
+        shares = [
+            _share_near(values, self.record.dt, frequency)
+            for values, frequency in ((self.modelled, measured), (self.measured, modelled))
+        ]
+        if max(shares) > SHARED:
             return ""
         return (
             f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
@@ -128,29 +142,32 @@ class SideBySide:
         )
 
     @property
-    def _of_offset(self) -> str:
-        mean, spread = float(self.measured.mean()), float(self.measured.std())
-        if abs(mean) <= OFFSET * spread or self.observation.offset is not None:
-            return ""
-        return (
-            f"The measured {self.channel} has a mean of {mean / factor(self.unit):.3g} {self.unit}, {abs(mean) / spread:.1f} "
-            "times its standard deviation. Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
-        )
+    def _sign_known(self) -> bool:
+        """Whether the gain's prior has one sign."""
+        gain = self.observation.gain
+        return gain is None or float(gain.cdf(np.zeros(1))[0]) in (0.0, 1.0)
+
+    @property
+    def _together(self) -> float:
+        """Correlation of both; 0 where one rests."""
+        moving = bool(self.measured.std() and self.modelled.std())
+        return float(np.corrcoef(self.modelled, self.measured)[0, 1]) if moving else 0.0
 
     @property
     def _of_sign(self) -> str:
-        moving = bool(self.measured.std() and self.modelled.std())
-        together = np.corrcoef(self.modelled, self.measured)[0, 1] if moving else 0.0
-        if together >= OPPOSITE:
+        together = self._together
+        if together >= OPPOSITE or not self._sign_known:
             return ""
         return (
             f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
-            "the instrument's positive direction that of the record?"
+            "the instrument's positive direction that of the record? If not, a gain of -1 turns it."
         )
 
     @property
     def _of_clock(self) -> str:
-        """Whether model and measurement are alike after a shift in time, and not without."""
+        """Whether model and measurement are alike after a shift in time, and not without; a reversed sign is no shift."""
+        if self._together < OPPOSITE:
+            return ""
         shift, shifted, together = _best_shift(self.modelled, self.measured)
         if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
             return ""
@@ -191,7 +208,22 @@ def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float,
     return int(shifts[best]), float(correlation[best]), float(correlation[shifts == 0][0])
 
 
+def _spectrum(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and amplitudes, without the mean."""
+    return np.fft.rfftfreq(len(values), dt), np.abs(np.fft.rfft(values - values.mean()))
+
+
 def _main_frequency(values: np.ndarray, dt: float) -> float:
-    """Where the amplitude spectrum is largest [Hz]."""
-    amplitude = np.abs(np.fft.rfft(values - values.mean()))
-    return float(np.fft.rfftfreq(len(values), dt)[int(np.argmax(amplitude))])
+    """Where the amplitude spectrum is largest [Hz]; where that is a drift, the spectrum of the rate, in which a drift is small."""
+    frequencies, amplitude = _spectrum(values, dt)
+    largest = int(np.argmax(amplitude))
+    if largest < FEWEST_CYCLES:
+        largest = int(np.argmax(frequencies * amplitude))
+    return float(frequencies[largest])
+
+
+def _share_near(values: np.ndarray, dt: float, frequency: float) -> float:
+    """Largest amplitude near a frequency [Hz] over the largest of all; 0 for a history that rests."""
+    frequencies, amplitude = _spectrum(values, dt)
+    near = np.abs(frequencies - frequency) <= max(NEAR * frequency, 1.0 / (dt * len(values)))
+    return float(amplitude[near].max() / amplitude.max()) if amplitude.any() else 0.0
