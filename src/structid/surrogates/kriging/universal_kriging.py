@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import threadpoolctl
 
 from structid.arguments import check_arguments
 from structid.errors import InputError, check_choice
@@ -29,6 +30,9 @@ from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFacto
 from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
 from structid.surrogates.progress import Steps
 from structid.surrogates.regression import check_training
+
+SMALL = 500
+"""Points of a design whose many small systems one thread of BLAS solves: several wait for each other longer than they work."""
 
 LOST = 0.1
 """Share of the sum of squares that may be left when runs are left out, before a search from known lengths is taken for lost."""
@@ -117,7 +121,8 @@ class Kriging:
         known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
         forms = len(groups) * len(self._forms(theta))
         step_done = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
-        fitted = [self._fit_group(design, theta, outputs[:, group], group, known, step_done) for group in groups]
+        with threadpoolctl.threadpool_limits(1 if len(theta) <= SMALL else None, user_api="blas"):
+            fitted = [self._fit_group(design, theta, outputs[:, group], group, known, step_done) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
     def _forms(self, theta: np.ndarray) -> tuple[bool, ...]:
