@@ -50,7 +50,7 @@ INSTEAD_OF_A_NUMBER: dict[str, tuple[Callable[[Any], bool], str]] = {
 
 
 def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "") -> Any:
-    """Turn what NumPy and others call a number into Python's, and refuse what is none.
+    """Turn a number of NumPy or another library into Python's, and refuse everything else.
 
     Parameters
     ----------

@@ -69,8 +69,7 @@ def warn_of_mistakes(true: TrueRuns) -> None:
         nearest = (
             f"All of the first {len(finished)} runs say so; these figures are of that nearest to the priors' medians."
         )
-        display = {name: unit.display for name, unit in true.model.channel_units.items()}
-        for question in questions_of_the_measurement(observation, display):
+        for question in questions_of_the_measurement(observation, true.model.channel_units):
             warnings.warn(question, UnlikeMeasuredWarning, stacklevel=5)
         for question in asked.values():
             warnings.warn(f"{question} {nearest}", UnlikeMeasuredWarning, stacklevel=5)

@@ -27,7 +27,7 @@ from structid.solvers.external import ExternalModel
 from structid.solvers.protocol import SolverError, Task
 
 NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
-"""How programs write a number that is none, where JSON has no word for it."""
+"""How programs write NaN and the infinities, for which JSON has no word."""
 FIRST_WORDS = 160
 """Signs of an answer that are shown where it is no answer."""
 
@@ -128,7 +128,7 @@ def _check_name(url: str, name: str) -> None:
 
 
 def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -> Any:
-    """Ask a server, and say of an answer that is none what it was: its status and its first words."""
+    """Ask a server. If its answer is an error, report its status and first words."""
     try:
         import requests
     except ImportError:

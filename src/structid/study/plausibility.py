@@ -106,9 +106,7 @@ def plausibility(study: BuiltStudy) -> Plausibility:
     questions += [unstable] if unstable else []
     compared: list[tuple[SideBySide, ...]] = []
     for observation in study.posterior.observations:
-        questions += questions_of_the_measurement(
-            observation, {name: unit.display for name, unit in study.model.channel_units.items()}
-        )
+        questions += questions_of_the_measurement(observation, study.model.channel_units)
         run = study.model.simulate(study.model.parameters(medians), observation.record)
         if not run.done[0]:
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"

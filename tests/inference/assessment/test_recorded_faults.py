@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.channels import standard_unit
 from structid.errors import UnlikeMeasuredWarning
 from structid.inference.assessment.recorded_faults import clipped, gap, questions_of_the_measurement
 
@@ -20,7 +21,7 @@ COUNTED = np.round(NOISY / PEAK * 200.0) * PEAK / 200.0
 
 def asked(values, **nuisances):
     observation = si.Observation(RECORD, values, **nuisances)
-    return " ".join(questions_of_the_measurement(observation, {"velocity": "mm/s"}))
+    return " ".join(questions_of_the_measurement(observation, {"velocity": standard_unit("velocity")}))
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
+from structid.channels import ChannelUnit
 from structid.ground_motion.excitation import Excitation
 from structid.observation import Observation
 from structid.units import factor
@@ -27,7 +30,7 @@ SHORTEST_GAP = 1.0
 """Time in exact zeros [s] that no sensor shows by itself while it moves."""
 
 MOVING = 0.1
-"""Share of its peak that a history reaches within `SHORTEST_GAP` of a gap, if it is one: a quiet end is none."""
+"""Share of its peak that a history reaches within `SHORTEST_GAP` of a gap. After a quiet end, zeros are no gap."""
 
 STRAIGHT = 1e-4
 """Largest distance from a straight line, in parts of the range, of what is no measurement."""
@@ -42,15 +45,15 @@ ONE_SIDED = 0.5
 """Share of the peak that an extreme value reaches, if it may be the end of a range and not the zero of a history of one sign."""
 
 
-def questions_of_the_measurement(observation: Observation, display: dict[str, str]) -> list[str]:
+def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
     """Ask about what the measured histories show by themselves, without a model.
 
     Parameters
     ----------
     observation : Observation
         What was measured.
-    display : dict of str to str
-        The unit in which each channel is shown.
+    units : mapping of str to ChannelUnit
+        Of the channels.
 
     Returns
     -------
@@ -59,7 +62,7 @@ def questions_of_the_measurement(observation: Observation, display: dict[str, st
     """
     asked = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
-        unit = display[channel]
+        unit = units[channel].display
         found = [_straight(channel, values)]
         if not found[0]:
             found += [

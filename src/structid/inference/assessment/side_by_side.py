@@ -126,10 +126,10 @@ class SideBySide:
     @property
     def _of_frequency(self) -> str:
         """Whether the main frequencies differ, and neither is one of the other's: a drift and a higher mode are in both."""
-        low, high = sorted(self._frequencies)
+        modelled, measured = self._frequencies
+        low, high = sorted((modelled, measured))
         if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
             return ""
-        modelled, measured = self._frequencies
         shares = [
             _share_near(values, self.record.dt, frequency)
             for values, frequency in ((self.modelled, measured), (self.measured, modelled))
@@ -137,8 +137,8 @@ class SideBySide:
         if max(shares) > SHARED:
             return ""
         return (
-            f"The model's {self.channel} is mainly at {self._frequencies[0]:.2g} Hz, the measured one at "
-            f"{self._frequencies[1]:.2g} Hz. Are mass and stiffness in the units you mean?"
+            f"The model's {self.channel} is mainly at {modelled:.2g} Hz, the measured one at {measured:.2g} "
+            "Hz. Are mass and stiffness in the units you mean?"
         )
 
     @property
