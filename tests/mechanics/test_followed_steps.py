@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
+from structid.mechanics import moved_springs
 from structid.mechanics.restoring_forces import HystereticSprings, spring_law
 from structid.models.drifting_model import DriftingModel
 
@@ -106,6 +107,17 @@ def test_a_long_move_of_a_spring_is_done_in_pieces(exponent):
         for part in np.linspace(slow["d"][0], place, 2001)[1:]:
             exact, slow = springs.at(slow, np.array([part]))
         assert abs(force - exact)[0] < 1e-3 * 7.6e6 * 0.01 * 0.05, (place, force, exact)
+
+
+@pytest.mark.parametrize("move", [1e4, 1e30, np.inf, np.nan])
+def test_a_move_without_bound_is_not_followed(monkeypatch, move):
+    """As in a virtual hybrid test that grows without bound: its pieces would never end."""
+    taken, moved = [], moved_springs.moved
+    monkeypatch.setattr(moved_springs, "moved", lambda *arguments: taken.append(1) or moved(*arguments))
+    springs = HystereticSprings([[1.0]], [7.6e6], [12e3], spring_law(**LAW))
+    with np.errstate(all="ignore"):
+        force, _ = springs.at(springs.at_rest(np.zeros(1)), np.array([move]))
+    assert np.isnan(force).all() and len(taken) == 1
 
 
 def test_imposed_displacements_are_followed_or_refused():

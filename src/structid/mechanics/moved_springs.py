@@ -17,6 +17,8 @@ State = dict[str, Any]
 """``z``, and ``e_h`` per mass; arrays (spring,) or (spring, run)."""
 SHORT_STEP = 0.25
 """Length of the pieces of a move that is too long for one step, in lengths on which the force changes."""
+MOST_PIECES = 1000
+"""Pieces of a move at most: 250 lengths, metres for a storey. Longer moves are those of a run that grows without bound."""
 NEWTON_ITERATIONS = 4
 """Towards the place where z = 0. A straight line is the first guess, so that every digit is there after three."""
 
@@ -71,7 +73,8 @@ def moved(law: Law, hysteretic: Any, state: State, change: Any) -> State:
 def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[State, Any]:
     """Move springs, and look whether a Runge-Kutta step can follow the law over so long a move.
 
-    Outside JAX a move that is too long is done in pieces. Inside, where their number must not depend on the parameters, it is told.
+    Outside JAX a move that is too long is done in pieces, up to `MOST_PIECES`. Inside, where their number must not depend on the
+    parameters, it is told.
 
     Parameters
     ----------
@@ -86,7 +89,9 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
     xp = namespace(state["z"])
     if xp is np:
         pieces = _pieces(law, state, change)
-        for _ in range(pieces):
+        if not pieces <= MOST_PIECES:
+            return moved(law, hysteretic, state, change), False
+        for _ in range(int(pieces)):
             state = moved(law, hysteretic, state, change / pieces)
         return state, True
     after = moved(law, hysteretic, state, change)
@@ -95,15 +100,18 @@ def followed_by(law: Law, hysteretic: Any, state: State, change: Any) -> tuple[S
     return after, followed if followed.ndim == 0 else followed.all(axis=0)
 
 
-def _pieces(law: Law, state: State, change: Any) -> int:
-    """Pieces in which a move is done: one, unless it is longer than `LONGEST_STEP` at the largest z that the law allows."""
+def _pieces(law: Law, state: State, change: Any) -> float:
+    """Pieces in which a move is done: one, unless it is longer than `LONGEST_STEP` at the largest z that the law allows.
+
+    Infinite or NaN for a move without bound.
+    """
     largest = np.abs(state["z"]) + law.amplitude * np.abs(change)
     both = law.beta + law.gamma
     bounded = np.asarray(both) > 0.0
     ultimate = (law.amplitude / np.where(bounded, both, 1.0)) ** (1.0 / np.asarray(law.exponent))
     largest = np.where(bounded, np.minimum(largest, np.maximum(ultimate, np.abs(state["z"]))), largest)
     length = float(np.max(law_rate(change, largest, state["e_h"], law), initial=0.0))
-    return 1 if not length > LONGEST_STEP else int(np.ceil(length / SHORT_STEP))
+    return 1 if length <= LONGEST_STEP else float(np.ceil(length / SHORT_STEP))
 
 
 def crosses_zero(before: Any, after: Any) -> Any:
