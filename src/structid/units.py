@@ -324,6 +324,22 @@ def label(name: str, unit: str) -> str:
     return f"{name} [{unbracketed(unit)}]" if unit not in ("", "-", "1") else name
 
 
+def squared(unit: str) -> str:
+    """Give the unit of a variance.
+
+    Parameters
+    ----------
+    unit : str
+        Of the values, such as ``"m/s"``.
+
+    Returns
+    -------
+    str
+        Such as ``"(m/s)^2"``; empty for values without a unit.
+    """
+    return f"({unit})^2" if unit else ""
+
+
 def unbracketed(unit: str) -> str:
     """Leave out brackets around a single unit.
 

@@ -233,3 +233,21 @@ def test_a_correlated_law_by_one_word(tmp_path):
     posterior = load(tmp_path / "law.toml").sampled
     assert posterior.names[-3:] == ("sigma2", "sigma2_white", "frequency")
     assert np.isfinite(posterior.log_density(posterior.space.sample(4, seed=1).values)).any()
+
+
+def test_what_is_listed_is_counted_from_one(tmp_path):
+    """The second [[observation]] is observation.2, by pydantic and by us, and so is what is listed in it."""
+    one = '[[observation]]\nchannels = ["velocity"]\nfile = "v.csv"\nunit = "m/s"\n'
+    text = re.sub(r"\[observation\].*?\[discrepancy\]", one + "SECOND[discrepancy]", SMALL, flags=re.S)
+    assert "SECOND" in text
+    np.savetxt(tmp_path / "v.csv", np.column_stack([np.arange(4001) * 0.01, np.sin(np.arange(4001) * 0.01)]))
+    for second, said in (
+        (one.replace("unit", "units"), "key 'observation.2.units'"),
+        (one.replace('"v.csv"', '"w.csv"'), "w.csv: there is no such file"),
+        (one.replace('"m/s"', '"kN"'), "key 'observation.2.unit'"),
+        (one.replace('["velocity"]', '["velocity", 3]'), "key 'observation.2.channels.2'"),
+    ):
+        (tmp_path / "study.toml").write_text(text.replace("SECOND", second))
+        with pytest.raises(InputError) as found:
+            load(tmp_path / "study.toml")
+        assert said in str(found.value), (said, str(found.value))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -303,7 +303,7 @@ class CalibrationResult(ShownAsText):
         factors = self.posterior.factors
         q05, median, q95 = self.quantile(np.array([0.05, 0.5, 0.95])) / factors
         moments = {"mean": self.mean / factors, "sd": self.sd / factors, "q05": q05, "median": median, "q95": q95}
-        return Summary(table.names, table.units, {**table.columns, **moments})
+        return replace(table, columns={**table.columns, **moments})
 
     def __str__(self) -> str:
         again = [] if self.representation is None else [f"  {line}" for line in str(self.representation).splitlines()]

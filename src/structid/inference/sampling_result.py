@@ -213,7 +213,8 @@ class SamplingResult(ShownAsText):
             "ess_tail": np.array([x.tail_size for x in d]),
             "tau": np.array([x.autocorrelation_time for x in d]),
         }
-        return Summary(self.names, tuple(self.target.units.values()), columns).of(self.target.shown)
+        units = tuple(self.target.units.values())
+        return Summary(self.names, units, columns, self.target.sd_units).of(self.target.shown)
 
     @cached_property
     def robust(self) -> RobustSpread | None:

@@ -66,6 +66,11 @@ class Target(ABC):
         return frozenset()
 
     @property
+    def sd_units(self) -> dict[str, str]:
+        """Display unit of the standard deviation that belongs to each of those variances."""
+        return {}
+
+    @property
     def compared_names(self) -> tuple[str, ...]:
         """Names of what explorers and certificates compare means and standard deviations of; see `compared`."""
         return tuple(f"log {name}" if name in self.variances else name for name in self.names)

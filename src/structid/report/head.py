@@ -53,7 +53,7 @@ def posterior_table(material: PosteriorMaterial) -> Rows:
 
 
 def derived_table(material: PosteriorMaterial) -> Rows | None:
-    """Mean, sd, 5-95 % and truth of what follows from the parameters.
+    """Mean, sd, 5-95 % and truth of what follows from the parameters, and the standard deviations of the errors.
 
     Parameters
     ----------
@@ -69,8 +69,14 @@ def derived_table(material: PosteriorMaterial) -> Rows | None:
     model, truth = material.true_posterior.model, material.truths[0]
     found = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
     true = {} if truth is None else truth.derived_quantities(np.zeros((1, 0)))
+    # σ = √σ², which a reader can compare with the measurement.
+    variances = dict(zip(material.posterior.names, draws.T, strict=True))
+    errors = {
+        pretty(name).replace("²", ""): (np.sqrt(variances[name]), unit)
+        for name, unit in material.posterior.sd_units.items()
+    }
     rows = []
-    for name, (values, unit) in found.items():
+    for name, (values, unit) in (dict(found) | errors).items():
         if not np.isfinite(values).all():
             continue
         mean, sd, low, high = map(float, moments(values / factor(unit), weights))

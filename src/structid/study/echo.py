@@ -32,7 +32,13 @@ def quantities_in_si(path: str | Path) -> list[str]:
 
 def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
     """Every text of a tree, with its key."""
-    items = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    items = (
+        content.items()
+        if isinstance(content, dict)
+        else enumerate(content, start=1)
+        if isinstance(content, list)
+        else ()
+    )
     for key, value in items:
         own = f"{where}.{key}" if where else str(key)
         if isinstance(value, str):

@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from structid.inference.assessment.diagnostics import autocovariance
-from structid.inference.assessment.residuals import WhitenedResidual, whitened_residuals
+from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
 from structid.inference.assessment.robust_spread import (
     LONG_RUN_SHARE,
     RobustSpread,
@@ -56,6 +56,19 @@ def test_what_white_and_correlated_residuals_say():
     narrow = WhitenedResidual("velocity", "a record", 0.01, np.sin(2 * np.pi * 4.0 * 0.01 * np.arange(2000)))
     assert narrow.correlated and abs(narrow.largest[0]) > 0.9
     assert narrow.spectrum[0][np.argmax(narrow.spectrum[1])] == pytest.approx(4.0, abs=0.3)
+
+
+def test_all_channels_are_warned_of_in_one_sentence():
+    """Four sensors whose errors are no white noise are one fault, not four."""
+    rng = np.random.default_rng(4)
+    slow = [WhitenedResidual(f"drift_{k}", "a record", 0.01, ar1(rng, 2000)) for k in (1, 2, 3)]
+    white = WhitenedResidual("velocity", "a record", 0.01, rng.normal(size=2000))
+    [said] = residual_warnings((*slow, white), si.IID(), {"stiffness": 3.0, "alpha": 1.0})
+    for k in (1, 2, 3):
+        assert said.count(f"drift_{k} on a record by 0.") == 1
+    assert "velocity" not in said and said.count("sd of stiffness is about 3 times too small") == 1
+    assert said.count("use a correlated discrepancy") == 1
+    assert residual_warnings((white,), si.IID(), None) == []
 
 
 def measured_with(noise, short_posterior):

@@ -132,25 +132,26 @@ def residual_warnings(
     Returns
     -------
     list of str
-        A sentence for each residual that is correlated.
+        One sentence for all residuals that are correlated; none where the law describes them.
     """
     added = law.added
     assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
     if law.inside:
         assumed += f" beside {law.describe()['kind']} parameters"
-    found = []
-    for residual in residuals:
-        if not residual.correlated:
-            continue
-        value, lag = residual.largest
-        sentence = (
-            f"the residuals of {residual.channel} on {residual.record} are not what {assumed} would leave: after whitening "
-            f"they correlate by {value:.2f} at a lag of {lag:.3g} s (to be expected: within ±{residual.bound:.2f})"
-        )
-        worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
-        if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
-            sentence += (
-                f", and the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see the robust sd)"
-            )
-        found.append(sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else ""))
-    return found
+    correlated = [residual for residual in residuals if residual.correlated]
+    if not correlated:
+        return []
+    each = ", ".join(_correlation_in_words(residual) for residual in correlated)
+    sentence = f"after whitening, residuals correlate as {assumed} would not leave them: {each}"
+    worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
+    if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
+        sentence += f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see the robust sd)"
+    return [sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else "")]
+
+
+def _correlation_in_words(residual: WhitenedResidual) -> str:
+    value, lag = residual.largest
+    return (
+        f"{residual.channel} on {residual.record} by {value:.2f} at a lag of {lag:.3g} s "
+        f"(to be expected: within ±{residual.bound:.2f})"
+    )

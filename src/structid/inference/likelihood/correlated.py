@@ -24,6 +24,7 @@ from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.mechanics.time_loop import Fold
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
+from structid.units import squared
 
 Matrix = list[list[Any]]
 """A small matrix whose entries are arrays over channels and runs."""
@@ -122,7 +123,7 @@ class Correlated(Discrepancy):
                     continue
                 variance = name in ("variance", "white")
                 default = (
-                    Uniform(0.0, peak**2, unit=f"({unit})^2" if unit else "")
+                    Uniform(0.0, peak**2, unit=squared(unit))
                     if variance
                     else self._default_prior(name, dt, len(values))
                 )

@@ -15,6 +15,7 @@ from structid.inference.likelihood.discrepancy import Discrepancy
 from structid.inference.likelihood.law_kind import SQUARED, LawKind
 from structid.probability.marginals import Uniform
 from structid.probability.truncation import Marginal
+from structid.units import squared
 
 
 @check_arguments
@@ -92,11 +93,7 @@ class IID(Discrepancy):
                 peak = np.abs(values).max() if not self.per_channel else np.abs(values[:, i]).max()
                 if peak == 0.0:
                     raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")
-                unit = units[i]
-                priors.setdefault(
-                    self._name(channel, channels),
-                    Uniform(0.0, float(peak) ** 2, unit=f"({unit})^2" if unit else ""),
-                )
+                priors.setdefault(self._name(channel, channels), Uniform(0.0, float(peak) ** 2, unit=squared(units[i])))
         return priors
 
     def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:

@@ -29,6 +29,7 @@ from structid.mechanics.lanes.in_lanes import InLanes
 from structid.models.face import LARGEST_BATCH, Map, Model, Progress
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
+from structid.units import same_dimension, squared
 
 
 @check_arguments
@@ -123,6 +124,22 @@ class Posterior(Target):
     def variances(self) -> frozenset[str]:
         """Those of the law of the errors, which all laws name alike."""
         return frozenset(n for n in self.names[self.model_space.dimension :] if n.startswith("sigma2"))
+
+    @property
+    def sd_units(self) -> dict[str, str]:
+        """Display unit of the standard deviation that belongs to each variance: that of the measured channel."""
+        displays = {
+            si: observation.channel_unit(channel).display if si else ""
+            for observation in self.observations
+            for channel, si in zip(observation.channels, observation.error_units, strict=True)
+        }
+        return {
+            name: display
+            for name in self.names
+            if name in self.variances
+            for si, display in displays.items()
+            if same_dimension(squared(si), self.units[name])
+        }
 
     @property
     def costs_runs(self) -> bool:

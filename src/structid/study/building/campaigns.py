@@ -48,7 +48,7 @@ def build_campaign(
         return None, ()
     section = section or CampaignSection(runs=SURROGATE_RUNS)
     seed = file.seed if section.seed is None else section.seed
-    further = [load_record(r, folder, f"campaign.records.{i}") for i, r in enumerate(section.records)]
+    further = [load_record(r, folder, f"campaign.records.{i}") for i, r in enumerate(section.records, start=1)]
     # A design that a surrogate is fitted to reaches further into the tails than the prior.
     widen = section.widen or (1.0 if kind == "none" else SURROGATE_WIDENING)
     design = space.sample(section.runs, seed, section.method, widen)

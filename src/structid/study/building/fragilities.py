@@ -73,7 +73,7 @@ def planned_fragility(file: StudyFile, folder: Path, model: Model) -> PlannedFra
         return None
     if not file.observation:
         raise InputError("table 'fragility'", "no [observation]", "a measurement, given which the probability is")
-    records = tuple(load_record(r, folder, f"fragility.records.{i}") for i, r in enumerate(section.records))
+    records = tuple(load_record(r, folder, f"fragility.records.{i}") for i, r in enumerate(section.records, start=1))
     recording = model.recording(section.channel)
     stands_in = not model.batched if section.surrogate is None else section.surrogate
     needed = section.training + section.checks + 1

@@ -25,7 +25,7 @@ from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
 from structid.study.schema.study_file import CalibrationFile
-from structid.units import factor_of, si_unit, to_si
+from structid.units import factor_of, si_unit, squared, to_si
 
 
 def build_observation(
@@ -164,10 +164,9 @@ def build_discrepancy(file: CalibrationFile, si_units: Mapping[str, str]) -> Err
                 f"one variance for channels in {', '.join(sorted(units))}",
                 "nothing, so that each channel has its own unknown variance",
             )
-    unit = units.pop()
-    squared = f"({unit})^2" if unit else ""
+    variance = squared(units.pop())
     values = {
-        key: known_or_prior(getattr(section, key), key, squared if measures == SQUARED else measures)
+        key: known_or_prior(getattr(section, key), key, variance if measures == SQUARED else measures)
         for key, measures in kind.quantities.items()
         if key in given
     }

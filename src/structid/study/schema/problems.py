@@ -59,7 +59,7 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
     ]
     if steps[:1] == ["observation"] and isinstance(content.get("observation"), dict):
         steps = [s for s in steps if s != 0]  # a single table stands for a list of one
-    key = ".".join(str(s) for s in steps) or "the file"
+    key = _counted_from_one(steps) or "the file"
     cause = error.get("ctx", {}).get("error")
     if isinstance(cause, InputError):
         what = f"{cause.where}: " if cause.where.startswith("unit ") else ""
@@ -84,6 +84,11 @@ def problem(error: Any, content: dict[str, Any], schema: type[BaseModel]) -> str
         case _:
             allowed = _allowed(error)
             return f"key '{key}': {error['input']!r}. {f'Allowed: {allowed}' if allowed else error['msg']}."
+
+
+def _counted_from_one(steps: list[Any]) -> str:
+    """A place of the file as a key with dots; the second [[observation]] is ``observation.2``."""
+    return ".".join(str(s + 1) if isinstance(s, int) else str(s) for s in steps)
 
 
 KINDS_OF_VALUE = {
