@@ -47,6 +47,7 @@ _PUBLIC = {
     "KrigingNARX": "surrogates.narx.kriging_narx",
     "LogDensity": "inference.target",
     "LogNormal": "probability.marginals",
+    "LoopLines": "models.loop_lines",
     "Masonry": "fem.assembly",
     "MasonryWall": "fem.masonry_wall",
     "Matern32": "inference.likelihood.kernels",

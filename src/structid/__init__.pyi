@@ -64,6 +64,7 @@ from structid.inference.sampling_result import SamplingResult as SamplingResult
 from structid.inference.target import LogDensity as LogDensity
 from structid.models.bouc_wen import BoucWen as BoucWen
 from structid.models.imposed_displacements import ImposedDisplacements as ImposedDisplacements
+from structid.models.loop_lines import LoopLines as LoopLines
 from structid.models.shear_frame import ShearFrame as ShearFrame
 from structid.observation import Observation as Observation
 from structid.probability.designs import Design as Design

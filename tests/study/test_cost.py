@@ -67,7 +67,7 @@ def test_what_an_unknown_clock_costs_is_said(tmp_path):
 
 
 def test_parts_are_said_in_words():
-    cost = Cost((Part("Campaign", 2.5, 1000), Part("Predictions, figures and page", 200.0)), 50)
+    cost = Cost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
     assert str(cost).splitlines() == [
         "Campaign: 1,000 model runs in batches of 50, 2.5 ms a run: about 2 s",
         "Predictions, figures and page: about 3 min",

@@ -34,20 +34,26 @@ def check(
         return
     built = load(study)
     _describe(built)
-    with screen.status("running the model a few times"):
-        sizes, cost = plausibility(built), estimate(built)
     for line in quantities_in_si(study):
-        screen.print(line, markup=False, soft_wrap=True)
-    screen.print("\n".join([*sizes.said, str(cost)]), markup=False, soft_wrap=True)
+        _say(line)
+    with screen.status("running the model a few times"):
+        sizes = plausibility(built, _say)
+        cost = estimate(built, _say)
+    _say(cost.conclusion)
     if plot is not None:
         for figure in sizes.plot(plot):
-            screen.print(f"drawn: {figure}", markup=False, soft_wrap=True)
+            _say(f"drawn: {figure}")
     if not sizes.questions:
         screen.print(f"[bold green]{study} is in order.[/]")
         return
     for question in sizes.questions:
         screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
     raise typer.Exit(WRONG_INPUT)
+
+
+def _say(line: str) -> None:
+    """Print what is known, at once."""
+    screen.print(line, markup=False, soft_wrap=True)
 
 
 def _describe(built: BuiltStudy) -> None:

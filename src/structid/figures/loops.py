@@ -157,7 +157,7 @@ def identified(
 
 
 @styled
-def two_lines(
+def loop_and_lines(
     displacement: np.ndarray,
     force: np.ndarray,
     lines: Sequence[tuple[np.ndarray, np.ndarray, str]],

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -116,6 +116,8 @@ class BoucWen(TraceableModel):
     >>> print(model)
     BoucWen: f 4.005 Hz, T 0.2497 s, ω_n 25.17 rad/s, ω_d 25.15 rad/s, c 1.812e+04 N s/m
     """
+
+    steps_setting: ClassVar[str] = "substeps"
 
     mass: float | None = None
     stiffness: float | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
@@ -121,6 +121,8 @@ class ShearFrame(TraceableModel):
     >>> print(frame)
     ShearFrame: 3 storeys, f 2.892, 8.102, 11.71 Hz
     """
+
+    steps_setting: ClassVar[str] = "substeps"
 
     storeys: int
     mass: Storeys = None

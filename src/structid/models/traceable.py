@@ -175,6 +175,8 @@ class TraceableModel(Model):
         Whether it knows the response only to certain records, as a surrogate may.
     hint_where_not_finite : str
         What is added to the reason of a run that leaves the finite range: what may be done about it.
+    steps_setting : str
+        Name of the setting that says how many integration steps are made; empty for a model whose steps are not counted.
     substeps : int
         Integration steps per sample.
     """
@@ -184,6 +186,7 @@ class TraceableModel(Model):
     loops: ClassVar[bool] = True
     own_records: ClassVar[bool] = False
     hint_where_not_finite: ClassVar[str] = ""
+    steps_setting: ClassVar[str] = ""
     substeps: int
 
     @property

@@ -17,6 +17,7 @@ from structid.inference.law_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.models.face import Model
+from structid.models.loop_lines import LoopLines
 from structid.observation import Observation
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
@@ -84,6 +85,8 @@ class PosteriorMaterial(RunsMaterial):
         What they have chosen.
     fragility : Fragility or None
         The probability of a passage, given the data.
+    loop : LoopLines or None
+        Lines through a measured loop, of which priors were made.
     """
 
     result: SamplingResult
@@ -100,6 +103,7 @@ class PosteriorMaterial(RunsMaterial):
     law_choice: LawChoice | None = None
     fragility: Fragility | None = None
     predicted_channels: tuple[str, ...] = ()
+    loop: LoopLines | None = None
 
     @property
     def posterior(self) -> Posterior:

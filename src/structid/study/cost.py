@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,6 +21,8 @@ USUAL_ROUNDS = 6
 """Rounds that a calibration of the benchmark study takes."""
 CHEAP = 1e-3
 """Seconds of a run below which no surrogate is needed."""
+LONG = 0.3
+"""Seconds of a call, beyond which it is timed once: the rest of a busy machine matters less to it."""
 SLOW = 20.0
 """Seconds of a batch, beyond which it is timed once."""
 SEARCHED = {"pattern_search": (1500, 4), "interior_point": (2400, 200)}
@@ -47,11 +49,25 @@ class Part:
         On this machine.
     runs : int
         Model runs in it, if it is counted in those.
+    batch : int
+        Of those, how many are done together.
+    plan : Plan or None
+        How they are spent on a certified calibration.
     """
 
     what: str
     seconds: float
     runs: int = 0
+    batch: int = 1
+    plan: Plan | None = None
+
+    def __str__(self) -> str:
+        counted = ""
+        if self.runs:
+            together = f"in batches of {self.batch:,}" if self.batch > 1 else "one after another"
+            counted = f"{self.runs:,} model runs {together}, {1e3 * self.seconds / self.runs:.3g} ms a run: "
+        spent = "" if self.plan is None else f"\n{_rounds(self.plan)}"
+        return f"{self.what}: {counted}about {duration(self.seconds)}{spent}"
 
 
 @dataclass(frozen=True)
@@ -92,12 +108,12 @@ class Cost:
         return next((part.seconds / part.runs for part in self.parts if part.runs), float("inf"))
 
     def __str__(self) -> str:
-        lines = []
-        for part in self.parts:
-            lines.append(f"{part.what}: {self._counted(part)}about {duration(part.seconds)}")
-            if part.what == "Campaign" and self.plan is not None:
-                lines.append(_rounds(self.plan))
-        lines.append(f"In all about {duration(self.seconds)} on this machine{self._at_most}.")
+        return "\n".join([*map(str, self.parts), self.conclusion])
+
+    @property
+    def conclusion(self) -> str:
+        """The sum, and what would be cheaper, in lines of text."""
+        lines = [f"In all about {duration(self.seconds)} on this machine{self._at_most}."]
         if self.otherwise is not None:
             lines.append(
                 f"If the data choose parameters that drift, sampling takes about {duration(self.otherwise.seconds)} instead. For a "
@@ -124,12 +140,6 @@ class Cost:
             return ""
         rounds = f"{USUAL_ROUNDS} rounds make the surrogate good enough"
         return f" if {rounds}, {duration(self.longest)} if it takes all {self.plan.rounds}"
-
-    def _counted(self, part: Part) -> str:
-        if not part.runs:
-            return ""
-        together = f"in batches of {self.batch:,}" if self.batch > 1 else "one after another"
-        return f"{part.runs:,} model runs {together}, {1e3 * part.seconds / part.runs:.3g} ms a run: "
 
 
 def _rounds(plan: Plan) -> str:
@@ -164,13 +174,15 @@ def duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds >= 2 else f"{1e3 * seconds:.0f} ms"
 
 
-def estimate(study: BuiltStudy) -> Cost:
+def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Cost:
     """Time a few batches of everything that a study repeats, and scale them up.
 
     Parameters
     ----------
     study : BuiltStudy
         The study.
+    tell : callable, optional
+        Is given each part in words as soon as it is known.
 
     Returns
     -------
@@ -178,36 +190,49 @@ def estimate(study: BuiltStudy) -> Cost:
         Part by part.
     """
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
-    more = 0.0  # that a calibration takes where it uses its whole budget [s]
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
-    runs = _true_runs(study)
-    parts = [Part("Campaign", runs * each, runs)] if runs else []
-    if study.parameter_study is not None:
-        over_the_box = len(study.parameter_study.design)
-        parts.append(Part("Parameter study", over_the_box * each, over_the_box))
-    otherwise = None
-    if study.posterior is not None:
-        if study.has_surrogate:
-            usual, longest = (_through_a_surrogate(study, rounds) for rounds in _rounds_of(study))
-            parts += usual
-            more = _sum(longest) - _sum(usual)
-        elif study.posterior.costs_runs:
-            evaluations = study.sampler.evaluations(study.posterior.dimension)
-            parts.append(Part("Sampling", evaluations * each, evaluations))
-        else:
-            parts += [*_choice(study), *_searches(study), _sampling(study.posterior, study.sampler)]
-            drifting = _drifting(study)
-            otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
-        if study.fragility is not None:
-            asked = study.fragility
-            of_each = asked.training + asked.checks if asked.surrogate else asked.draws
-            again = of_each * len(asked.records) * len(asked.levels)
-            parts.append(Part("Records of rising strength", again * each, again))
-        parts += _other_records(study, each)
-        parts.append(Part("Predictions, figures and page", PAGE))
+    parts = []
+    for part in _parts(study, each, batch):
+        parts.append(part)
+        if tell is not None:
+            tell(str(part))
+    more, otherwise = 0.0, None
+    if study.posterior is not None and study.has_surrogate:
+        usual, longest = (_sum(_through_a_surrogate(study, rounds)) for rounds in _rounds_of(study))
+        more = longest - usual  # where a calibration uses its whole budget [s]
+    elif study.posterior is not None and not study.posterior.costs_runs:
+        drifting = _drifting(study)
+        otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
     at_most = _sum(parts) + more if more else None
     return Cost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
+
+
+def _parts(study: BuiltStudy, each: float, batch: int) -> Iterator[Part]:
+    """The parts of a study whose model takes so many seconds a run in such a batch, in the order of the run."""
+    if runs := _true_runs(study):
+        yield Part("Campaign", runs * each, runs, batch, study.plan)
+    if study.parameter_study is not None:
+        over_the_box = len(study.parameter_study.design)
+        yield Part("Parameter study", over_the_box * each, over_the_box, batch)
+    if study.posterior is None:
+        return
+    if study.has_surrogate:
+        yield from _through_a_surrogate(study, _rounds_of(study)[0])
+    elif study.posterior.costs_runs:
+        evaluations = study.sampler.evaluations(study.posterior.dimension)
+        yield Part("Sampling", evaluations * each, evaluations, batch)
+    else:
+        yield from _choice(study)
+        yield from _searches(study)
+        yield replace(_sampling(study.posterior, study.sampler), batch=batch)
+    if study.fragility is not None:
+        asked = study.fragility
+        of_each = asked.training + asked.checks if asked.surrogate else asked.draws
+        again = of_each * len(asked.records) * len(asked.levels)
+        yield Part("Records of rising strength", again * each, again, batch)
+    yield from _other_records(study, each)
+    yield Part("Predictions, figures and page", PAGE)
 
 
 def _clock_is_inferred(study: BuiltStudy) -> bool:
@@ -302,24 +327,23 @@ def _gradient(posterior: Posterior, phi: np.ndarray) -> Callable[[], object]:
     return lambda: jax.block_until_ready(gradient(phi))
 
 
-def _searches(study: BuiltStudy) -> list[Part]:
+def _searches(study: BuiltStudy) -> Iterator[Part]:
     """Deterministic searches: runs, and linearisations from all starts at once."""
-    misfit, starts, parts = study.sampled.misfit, study.file.deterministic.starts, []
+    misfit, starts = study.sampled.misfit, study.file.deterministic.starts
     theta = study.space.sample(starts, seed=study.file.seed).columns(misfit.names)
     for method in study.search_methods:
         runs, linearised = SEARCHED[method]
         seconds = runs * _shortest(lambda: misfit(theta))
         if misfit.differentiable:
             seconds += linearised * _shortest(lambda: misfit.linearised(theta))
-        parts.append(Part(method.replace("_", " ").capitalize(), seconds))
-    return parts
+        yield Part(method.replace("_", " ").capitalize(), seconds)
 
 
 def _shortest(call: Callable[[], object], repeats: int = 3) -> float:
-    """Shortest of some times of a call, after one that may compile [s]."""
+    """Shortest of some times of a call, after one that may compile; a long call is timed once [s]."""
     call()
-    seconds = []
-    for _ in range(repeats):
+    seconds: list[float] = []
+    while len(seconds) < repeats and sum(seconds) < LONG:
         began = time.perf_counter()
         call()
         seconds.append(time.perf_counter() - began)

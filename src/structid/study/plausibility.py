@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,7 +14,9 @@ from structid.figures import response as figures
 from structid.ground_motion.record import GroundMotion
 from structid.inference.assessment.recorded_faults import clipped, gap, questions_of_the_measurement
 from structid.inference.assessment.side_by_side import SideBySide
+from structid.models.integration_error import IntegrationError, integration_error
 from structid.models.prior_checks import unstable_in_words, unstable_share
+from structid.models.traceable import TraceableModel
 from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.units import STANDARD_GRAVITY, factor
@@ -83,13 +86,15 @@ class Plausibility:
         return written
 
 
-def plausibility(study: BuiltStudy) -> Plausibility:
+def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Plausibility:
     """Compare the response at the priors' medians with each measured history; see `SideBySide`.
 
     Parameters
     ----------
     study : BuiltStudy
         The study.
+    tell : callable, optional
+        Is given each sentence of what was found as soon as it is known.
 
     Returns
     -------
@@ -99,15 +104,25 @@ def plausibility(study: BuiltStudy) -> Plausibility:
     questions = _of_the_records(study)
     if study.posterior is None:
         return Plausibility((), tuple(questions))
-    space = study.space
-    medians = _point(study, 0.5)
-    said: list[str] = _of_the_priors(study)
-    unstable = unstable_in_words(unstable_share(space, study.model))
+    said: list[str] = []
+
+    def say(*sentences: str) -> None:
+        said.extend(sentences)
+        if tell is not None:
+            for sentence in sentences:
+                tell(sentence)
+
+    medians = study.model.parameters(_point(study, 0.5))
+    say(*([] if study.loop is None else [str(study.loop)]), *_of_the_priors(study))
+    unstable = unstable_in_words(unstable_share(study.space, study.model))
     questions += [unstable] if unstable else []
+    for error in _errors_of_the_integration(study, medians):
+        say(*([] if error.too_large else [str(error)]))
+        questions += [error.question] if error.too_large else []
     compared: list[tuple[SideBySide, ...]] = []
     for observation in study.posterior.observations:
         questions += questions_of_the_measurement(observation, study.model.channel_units)
-        run = study.model.simulate(study.model.parameters(medians), observation.record)
+        run = study.model.simulate(medians, observation.record)
         if not run.done[0]:
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"
             questions.append(
@@ -117,7 +132,7 @@ def plausibility(study: BuiltStudy) -> Plausibility:
         pairs = SideBySide.of({c: run.channel(c)[0] for c in run.channels}, run.units, observation)
         compared.append(pairs)
         for pair in pairs:
-            said.append(f"At the priors' medians the {pair.sentence}")
+            say(f"At the priors' medians the {pair.sentence}")
             questions += pair.questions.values()
     if compared and not study.model.batched:
         questions += _of_memory(study, compared[0])
@@ -146,6 +161,15 @@ def _of_the_records(study: BuiltStudy) -> list[str]:
             )
         questions += [gap(name, record.values, record.dt), clipped(name, record.values, record.unit)]
     return [question for question in questions if question]
+
+
+def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[IntegrationError]:
+    """The largest error of the integration, over the records of the measurements; none of a model that somebody else integrates."""
+    if study.posterior is None or not isinstance(study.model, TraceableModel):
+        return []
+    records = {o.record.content_hash: o.record for o in study.posterior.observations}.values()
+    errors = [integration_error(study.model, theta, record) for record in records]
+    return sorted((e for e in errors if e is not None), key=lambda e: e.error)[-1:]
 
 
 def _of_memory(study: BuiltStudy, first: tuple[SideBySide, ...]) -> list[str]:

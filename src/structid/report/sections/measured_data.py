@@ -8,6 +8,7 @@ import numpy as np
 
 from structid.figures import response as figures
 from structid.ground_motion.record import GroundMotion
+from structid.models.loop_lines import LoopLines
 from structid.report.material import PosteriorMaterial
 from structid.report.section import Drawing, Picture, Section, nothing
 from structid.units import factor
@@ -21,7 +22,8 @@ def _drawings(material: PosteriorMaterial) -> list[Drawing]:
     drawings: list[Drawing] = [functools.partial(_record, material, index) for index in distinct]
     if not np.array_equal(material.raw_record.values, material.record.values):
         drawings.insert(1, functools.partial(_processing, material))
-    return [*drawings, *(functools.partial(_measurement, material, index) for index in several)]
+    drawings += [functools.partial(_measurement, material, index) for index in several]
+    return drawings if material.loop is None else [*drawings, functools.partial(_loop, material.loop)]
 
 
 def _record(material: PosteriorMaterial, index: int) -> Picture:
@@ -48,6 +50,10 @@ def _measurement(material: PosteriorMaterial, index: int) -> Picture:
     record = observation.record
     figure = figures.measurement_on_record(record.time, (record.values, record.kind, record.unit), measured)
     return Picture(name, f"The measurement on {record.name}; on the right where the motion begins.", figure)
+
+
+def _loop(loop: LoopLines) -> Picture:
+    return Picture("loop_of_the_priors", f"The measured loop of which priors were made. {loop}", loop.plot())
 
 
 SECTION = Section("data", "Data", _drawings, nothing)

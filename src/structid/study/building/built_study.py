@@ -14,6 +14,7 @@ from structid.inference.law_choice import AUTO
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling.sampler import Sampler
 from structid.models.face import Model
+from structid.models.loop_lines import LoopLines
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.study.building.fragilities import PlannedFragility
@@ -59,6 +60,8 @@ class BuiltStudy:
         Runs over the priors, if the study asks for them.
     fragility : PlannedFragility or None
         Records of rising strength, if the study asks for a fragility.
+    loop : LoopLines or None
+        Lines through a measured loop, of which priors are made.
     """
 
     file: StudyFile
@@ -76,6 +79,7 @@ class BuiltStudy:
     plan: Plan | None
     parameter_study: PlannedParameterStudy | None = None
     fragility: PlannedFragility | None = None
+    loop: LoopLines | None = None
 
     @property
     def content_hash(self) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from structid.errors import InputError
+from structid.errors import InputError, within
+from structid.models.loop_lines import SMALLEST_SPREAD, LoopLines
 from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
@@ -14,6 +15,9 @@ from structid.study.kinds import model_list
 from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import CalibrationFile
 from structid.units import factor, factor_of, to_si
+
+LOOP = "loop"
+"""Where a prior is made of a measured loop."""
 
 _FAMILIES: dict[str, tuple[Callable[..., Marginal], tuple[str, ...]]] = {
     "uniform": (marginals.Uniform, ("low", "high")),
@@ -45,6 +49,12 @@ def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal
     Marginal
         The prior.
     """
+    if section.distribution == LOOP:
+        raise InputError(
+            f"key '{where}.distribution'",
+            f"'{LOOP}'",
+            f"a prior of {' or '.join(SMALLEST_SPREAD)} beside a table [loop]",
+        )
     make, allowed = _FAMILIES[section.distribution]
     unit = (si_unit or "") if section.unit is None else section.unit
     if si_unit is not None:
@@ -68,7 +78,7 @@ def prior_of(section: PriorSection, where: str, si_unit: str | None) -> Marginal
         raise InputError(f"key '{where}': {error.where}", error.came, error.allowed, error.cure) from None
 
 
-def parameter_prior(file: CalibrationFile, name: str) -> Marginal:
+def parameter_prior(file: CalibrationFile, name: str, loop: LoopLines | None = None) -> Marginal:
     """Build the prior of a parameter of the model.
 
     Parameters
@@ -77,6 +87,8 @@ def parameter_prior(file: CalibrationFile, name: str) -> Marginal:
         What the file says.
     name : str
         The parameter.
+    loop : LoopLines, optional
+        Lines through a measured loop, of which some priors are made.
 
     Returns
     -------
@@ -88,23 +100,39 @@ def parameter_prior(file: CalibrationFile, name: str) -> Marginal:
     unit = None
     if kind.parameter_unit is not None:
         unit = kind.parameter_unit(base, file.model.model_dump(), (*file.parameters, *file.derived))
-    return prior_of(file.parameters[name], f"parameters.{name}", unit)
+    section = file.parameters[name]
+    if section.distribution == LOOP and loop is not None and base in SMALLEST_SPREAD:
+        return _prior_of_the_loop(section, loop, name, base)
+    return prior_of(section, f"parameters.{name}", unit)
 
 
-def parameter_space(file: CalibrationFile) -> ParameterSpace:
+def _prior_of_the_loop(section: PriorSection, loop: LoopLines, name: str, base: str) -> Marginal:
+    if further := section.model_fields_set - {"distribution"}:
+        raise InputError(
+            f"key 'parameters.{name}.{min(further)}'",
+            "it is given beside the loop",
+            "nothing: the lines give the prior",
+        )
+    with within(f"key 'parameters.{name}'"):
+        return loop.priors()[base]
+
+
+def parameter_space(file: CalibrationFile, loop: LoopLines | None = None) -> ParameterSpace:
     """Build the space of the model's unknown parameters.
 
     Parameters
     ----------
     file : CalibrationFile
         What the file says.
+    loop : LoopLines, optional
+        Lines through a measured loop, of which some priors are made.
 
     Returns
     -------
     ParameterSpace
         Priors, derived parameters, coordinates, correlation.
     """
-    priors = {name: parameter_prior(file, name) for name in file.parameters}
+    priors = {name: parameter_prior(file, name, loop) for name in file.parameters}
     correlation = {}
     for pair, value in file.correlation.items():
         names = [n.strip() for n in pair.split(",")]

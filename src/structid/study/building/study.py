@@ -13,6 +13,7 @@ from structid.ground_motion.record import GroundMotion
 from structid.ground_motion.record_files import lines_of
 from structid.inference.likelihood.posterior import Posterior
 from structid.models.face import Model
+from structid.models.loop_lines import LoopLines
 from structid.observation import Observation
 from structid.probability.marginals import Gamma
 from structid.probability.space import ParameterSpace
@@ -20,6 +21,7 @@ from structid.study.building.built_study import BuiltStudy
 from structid.study.building.campaigns import build_campaign
 from structid.study.building.checks import check_before_anything_is_written, check_tables
 from structid.study.building.fragilities import planned_fragility
+from structid.study.building.loops import build_loop
 from structid.study.building.models import build_model
 from structid.study.building.observations import build_discrepancy, build_observation
 from structid.study.building.parameter_studies import planned_parameter_study
@@ -67,24 +69,34 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
     """What is wrong with each part by itself, or with the few others that it needs."""
     records = {
         "record": file.record,
-        **{f"observation.{i}.record": o.record for i, o in enumerate(file.observation) if o.record is not None},
-        **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records)},
+        **{
+            f"observation.{i}.record": o.record for i, o in enumerate(file.observation, start=1) if o.record is not None
+        },
+        **{f"prediction.records.{i}": r for i, r in enumerate(file.prediction.records, start=1)},
         **(
             {}
             if file.fragility is None
-            else {f"fragility.records.{i}": r for i, r in enumerate(file.fragility.records)}
+            else {f"fragility.records.{i}": r for i, r in enumerate(file.fragility.records, start=1)}
         ),
     }
     channels = tuple(dict.fromkeys(c for o in file.observation for c in o.channels))
     measured = [place for place, section in enumerate(file.observation) if section.file is not None]
+    loop = _loop_or_none(file, folder)
     parts: list[Callable[[], object]] = [
+        partial(build_loop, file.loop, folder),
         *(partial(load_record, section, folder, where) for where, section in records.items()),
-        *(partial(parameter_prior, file, name) for name in file.parameters),
+        *(
+            partial(parameter_prior, file, name, loop)
+            for name in file.parameters
+            if loop is not None or file.loop is None
+        ),
         *([partial(build_discrepancy, file, {c: standard_unit(c).si for c in channels})] if channels else []),
         partial(build_sampler, file.sampler),
         partial(build_plan, file.calibration),
         partial(check_tables, file),
-        lambda: build_model(file.model, _some_space(file), file.derived, channels or ("velocity",), solver_folder),
+        lambda: build_model(
+            file.model, _some_space(file, loop), file.derived, channels or ("velocity",), solver_folder
+        ),
         *(partial(lines_of, folder / str(file.observation[place].file)) for place in measured),
         *(partial(_observed, file, folder, place) for place in measured),
     ]
@@ -97,10 +109,18 @@ def _wrong_alone(file: StudyFile, folder: Path, solver_folder: Path) -> list[str
     return told
 
 
-def _some_space(file: StudyFile) -> ParameterSpace:
+def _loop_or_none(file: StudyFile, folder: Path) -> LoopLines | None:
+    """Lines through a measured loop; None where there is no loop, or none that can be read."""
+    try:
+        return build_loop(file.loop, folder)
+    except InputError:
+        return None
+
+
+def _some_space(file: StudyFile, loop: LoopLines | None) -> ParameterSpace:
     """The parameters' space; where their priors are wrong, one of the same names."""
     try:
-        return parameter_space(file)
+        return parameter_space(file, loop)
     except InputError:
         return ParameterSpace(None, None, None, **dict.fromkeys(file.parameters, Gamma(mean=1.0, sd=0.5)))
 
@@ -110,7 +130,7 @@ def _observed(
 ) -> tuple[Observation, Model | None]:
     """An observation on its own record, or on that of the study."""
     section = file.observation[place]
-    where = "observation" if len(file.observation) == 1 else f"observation.{place}"
+    where = "observation" if len(file.observation) == 1 else f"observation.{place + 1}"
     if section.record is not None:
         record = load_record(section.record, folder, f"{where}.record")
     elif record is None:
@@ -123,7 +143,8 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
     record = processed(raw, file.record, "record")
     if file.record.trim is not None:
         raw = raw.trim(*file.record.trim)  # the same instants as the processed one, to be drawn beside it
-    space = parameter_space(file)
+    loop = build_loop(file.loop, folder)
+    space = parameter_space(file, loop)
     wanted = file.campaign.channels if file.campaign is not None else ()
     channels = tuple(dict.fromkeys((*(c for o in file.observation for c in o.channels), *wanted)))
     if not channels:
@@ -141,7 +162,9 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", StructidWarning)  # what a prior warns of, `plausibility` asks
             posterior = Posterior(space, model, observations, law, model_error=file.surrogate.model_error)
-    others = tuple(load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records))
+    others = tuple(
+        load_record(r, folder, f"prediction.records.{i}") for i, r in enumerate(file.prediction.records, start=1)
+    )
     driven_by = {r.content_hash: r for r in (record, *(o.record for o in observations)) if isinstance(r, GroundMotion)}
     with within("key 'prediction.channels'"):  # refused here, and not after the sampling
         model.recording(*(file.prediction.channels or model.channels))
@@ -151,7 +174,7 @@ def _built(file: StudyFile, folder: Path, solver_folder: Path | None) -> BuiltSt
         plan = plan.sized(posterior, surrogate_settings(file.surrogate))
     study = BuiltStudy(
         file, folder, raw, record, space, model, design, campaign_records, posterior, sampler, tuple(truths), others, plan,
-        planned_parameter_study(file, space, model), planned_fragility(file, folder, model),
+        planned_parameter_study(file, space, model), planned_fragility(file, folder, model), loop,
     )  # fmt: skip
     check_before_anything_is_written(study)
     return study

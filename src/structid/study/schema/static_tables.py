@@ -48,7 +48,7 @@ class RecordSection(Section):
 class PriorSection(Section):
     """A prior distribution; numbers are in `unit`, or texts with their own unit."""
 
-    distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel"]
+    distribution: Literal["uniform", "normal", "lognormal", "gamma", "beta", "weibull", "gumbel", "loop"]
     unit: str | None = None
     mean: float | str | None = None
     sd: float | str | None = None
@@ -62,6 +62,18 @@ class PriorSection(Section):
     log_sd: float | None = None
     a: float | None = None
     b: float | None = None
+
+
+class LoopSection(Section):
+    """A measured force-displacement loop that gives priors of stiffness and alpha; see `LoopLines`."""
+
+    file: str
+    displacement_unit: str
+    force_unit: str
+    displacement_column: int = Field(default=0, ge=0)
+    force_column: int = Field(default=1, ge=0)
+    elastic: Annotated[Fraction, Field(gt=0, lt=1)] = 0.1
+    yielded: Annotated[Fraction, Field(gt=0, lt=1)] = 0.75
 
 
 class ModelSection(Section):

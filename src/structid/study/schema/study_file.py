@@ -35,6 +35,7 @@ from structid.study.schema.static_tables import (
     CampaignSection,
     DeterministicSection,
     FragilitySection,
+    LoopSection,
     ModelSection,
     ObservationSection,
     ParameterStudySection,
@@ -68,6 +69,7 @@ class StudyFile(CalibrationFile):
     observation: Annotated[
         tuple[ObservationSection, ...], BeforeValidator(lambda v: (v,) if isinstance(v, dict) else v)
     ] = ()
+    loop: LoopSection | None = None
     campaign: CampaignSection | None = None
     parameter_study: ParameterStudySection | None = None
     surrogate: SurrogateSection

@@ -84,6 +84,7 @@ def posterior_material(found: Findings, result: SamplingResult, place: Workplace
         law_choice=found.law_choice,
         parameter_study=found.parameter_study,
         fragility=found.fragility,
+        loop=study.loop,
     )
 
 

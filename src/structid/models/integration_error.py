@@ -1,0 +1,106 @@
+"""How far the integration of a built-in model errs, by the same run with shorter steps, and how many steps would do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.models.traceable import TraceableModel
+
+LIMIT = 0.01
+"""Error in parts of the peak of a channel, from which on shorter steps are asked for; measurements have a noise of about that."""
+
+REFERENCE = 8
+"""Times as many steps in the run that stands for the exact one."""
+
+TRIED = (2, 4, REFERENCE)
+"""Times as many steps that are tried where those of the model are too few."""
+
+
+@dataclass(frozen=True)
+class IntegrationError:
+    """Error of the integration of one run.
+
+    Parameters
+    ----------
+    setting : str
+        What the number of steps is called, such as ``"substeps"``.
+    steps : int
+        Its value.
+    error : float
+        Largest difference from a run with eight times as many, in parts of the peak of the channel; infinite where the run fails.
+    wanted : int or None
+        The value with which the error is below the limit; None where even eight times as many steps do not follow the law.
+    """
+
+    setting: str
+    steps: int
+    error: float
+    wanted: int | None
+
+    @property
+    def too_large(self) -> bool:
+        """Whether other steps are asked for."""
+        return not self.error <= LIMIT
+
+    def __str__(self) -> str:
+        by = f"With {self.setting} = {self.steps} the integration"
+        if np.isfinite(self.error):
+            return f"{by} errs by {100.0 * self.error:.2g} % of the peak."
+        return f"{by} does not follow the stiffness or the hysteretic law."
+
+    @property
+    def question(self) -> str:
+        """What to do; empty where nothing is to be done."""
+        if not self.too_large:
+            return ""
+        if self.wanted is None:
+            return f"{self} Nor does {REFERENCE * self.steps}. Are priors, units and time step right?"
+        return f"{self} {self.setting} = {self.wanted} in [model] brings it below {100.0 * LIMIT:g} %."
+
+
+def _finer(model: Any, times: int) -> TraceableModel:
+    """The same model with so many times as many steps."""
+    finer: TraceableModel = replace(model, **{model.steps_setting: times * getattr(model, model.steps_setting)})
+    return finer
+
+
+def integration_error(model: TraceableModel, theta: np.ndarray, excitation: Excitation) -> IntegrationError | None:
+    """Compare a run with the same one in shorter steps.
+
+    Parameters
+    ----------
+    model : TraceableModel
+        The model.
+    theta : ndarray, shape (1, parameter)
+        Parameters in SI, in the order of `free`.
+    excitation : Excitation
+        What drives it.
+
+    Returns
+    -------
+    IntegrationError or None
+        None for a model whose steps are not counted.
+    """
+    setting = model.steps_setting
+    if not setting:
+        return None
+
+    def error_of(run: Histories) -> float:
+        if not (run.done[0] and exact.done[0]):
+            return float("inf")
+        peaks = np.abs(exact.values[0]).max(axis=0)
+        return float((np.abs(run.values[0] - exact.values[0]).max(axis=0) / np.where(peaks > 0.0, peaks, 1.0)).max())
+
+    steps = int(getattr(model, setting))
+    exact = _finer(model, REFERENCE).simulate(theta, excitation)
+    error = error_of(model.simulate(theta, excitation))
+    if error <= LIMIT:
+        return IntegrationError(setting, steps, error, steps)
+    enough = (times for times in TRIED if error_of(_finer(model, times).simulate(theta, excitation)) <= LIMIT)
+    times = next(enough, None)
+    return IntegrationError(setting, steps, error, None if times is None else times * steps)

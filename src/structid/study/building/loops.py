@@ -1,0 +1,31 @@
+"""The measured loop of which a study makes priors."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from structid.errors import within
+from structid.models.loop_lines import LoopLines
+from structid.study.schema.static_tables import LoopSection
+
+
+def build_loop(section: LoopSection | None, folder: Path) -> LoopLines | None:
+    """Fit two lines to the measured loop of a study.
+
+    Parameters
+    ----------
+    section : LoopSection or None
+        What the file says.
+    folder : Path
+        Where relative paths start.
+
+    Returns
+    -------
+    LoopLines or None
+        None where the study has no loop.
+    """
+    if section is None:
+        return None
+    said = section.model_dump(exclude={"file"})
+    with within("table 'loop'"):
+        return LoopLines.read(folder / section.file, **said)
