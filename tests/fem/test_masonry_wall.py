@@ -232,3 +232,17 @@ def test_limits_of_support():
     np.testing.assert_allclose(mesh.support[0], [0.2, 0.6])
     upright = [number for number, joint in enumerate(mesh.joints) if joint.normal == (1.0, 0.0)]
     assert len(upright) == 12 and np.isinf(mesh.support[upright]).all()
+
+
+@pytest.mark.parametrize("joint_law", ["smc-np2", "damage-friction"])
+def test_the_law_of_the_joints_is_drawn_with_its_strengths(joint_law):
+    """Pure opening and pure slip reach σ_max and τ_max; a joint with a memory unloads to the origin, the other one heals."""
+    joint = dict(normal_energy=5e3, normal_strength=1e6, tangential_energy=4e5, tangential_strength=1.5e6)
+    normal, tangential = si.MasonryWall(joint_law=joint_law, **joint).plot_joint().axes
+    for axis, strength in ((normal, 1.0), (tangential, 1.5)):
+        x, y = axis.lines[0].get_data()
+        assert y.max() == pytest.approx(strength, rel=1e-3)
+        back = (np.diff(x, append=x[-1]) < 0.0) & (x > 0.1 * x.max())
+        loading = np.interp(x[back], x[: np.argmax(x[: len(x) // 2])], y[: np.argmax(x[: len(x) // 2])])
+        healed = np.allclose(y[back], loading, rtol=0.05)
+        assert healed == (joint_law == "smc-np2")

@@ -5,6 +5,7 @@ import pytest
 import scipy.integrate
 import scipy.stats
 
+import structid as si
 from structid.probability.designs import METHODS, smallest_distance, unit_design
 
 
@@ -36,3 +37,16 @@ def test_sobol_integrates_better_than_chance():
         return np.sqrt(np.mean(np.square(values)))
 
     assert error("sobol") < 0.1 * error("random")
+
+
+def test_samples_of_a_prior_are_drawn_with_its_density():
+    """Every density that is drawn has the mass of what it shows, in display units."""
+    space = si.ParameterSpace(stiffness=si.Normal(7.42, 0.742, unit="kN/mm"), alpha=si.LogNormal(0.063, 0.01, high=1.0))
+    figure = space.sample(400, seed=1).plot()
+    diagonal = [figure.axes[0], figure.axes[3]]
+    for axis in diagonal:
+        x, y = axis.lines[0].get_data()
+        assert np.trapezoid(y, x) == pytest.approx(1.0, abs=0.01)
+    assert diagonal[0].get_xlim()[1] < 20.0
+    with pytest.raises(si.InputError, match="1 points of 2 parameters"):
+        space.sample(1, seed=1).plot()

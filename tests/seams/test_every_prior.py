@@ -1,5 +1,6 @@
 """Every family of priors goes through all that a prior goes through, on both engines: densities, samplers, files, a study."""
 
+import dataclasses
 import pickle
 
 import numpy as np
@@ -40,12 +41,8 @@ def thinned(families):
 def posterior(family, engine):
     """A model of its own, so that nothing is compiled yet: a prior that is met inside a trace first is the hard case."""
     space = si.ParameterSpace(alpha=PRIORS[family])
-    model = MODEL.recording("velocity") if engine == "lanes" else si.BoucWen(**{**vars_of(MODEL), "substeps": 2})
+    model = MODEL.recording("velocity") if engine == "lanes" else dataclasses.replace(MODEL, substeps=2)
     return si.Posterior(space, model, si.Observation(RECORD, MEASURED + NOISE), si.IID(variance=float(NOISE.var())))
-
-
-def vars_of(model):
-    return {name: getattr(model, name) for name in model.__dataclass_fields__}
 
 
 def fresh(family):

@@ -163,6 +163,29 @@ def test_its_own_runs_do_not_validate_it(surrogate, runs, unseen):
         surrogate.validate(unseen + runs[:1])
 
 
+def test_its_own_runs_show_what_the_fit_leaves_of_them(surrogate, runs, unseen):
+    """Asked for, they are compared, and decide nothing."""
+    before = surrogate.validation
+    found = surrogate.validate(runs, fitted=True)
+    assert len(found.errors) == len(runs) and found.mean < 1e-3
+    assert surrogate.validation is before
+
+
+@pytest.mark.parametrize("name", ["PCNARX", "KrigingNARX"])
+def test_the_structure_of_a_narx_is_judged_by_coefficients_of_each_run(name, fitted, runs):
+    """Its own coefficients do at least as well as those of the surrogate; a coefficient of another run does not."""
+    surrogate = fitted[name]
+    own, plain = surrogate.validate_structure(runs), surrogate.validate_structure(runs, refined=False)
+    assert own.median <= 1.01 * surrogate.validate(runs, fitted=True).median
+    assert np.isfinite(plain.median)
+    coefficients = surrogate.own_coefficients(runs)
+    rolled = surrogate.run_with(np.roll(coefficients, 1, axis=0), runs.records[0])
+    np.testing.assert_allclose(
+        relative_errors(runs.values, surrogate.run_with(coefficients, runs.records[0]).values), own.errors, rtol=1e-6
+    )
+    assert np.median(relative_errors(runs.values, rolled.values)) > 100.0 * own.median
+
+
 def test_points_that_are_no_numbers(surrogate, record):
     with pytest.raises(InputError, match="1 points that are not finite"):
         surrogate.simulate(np.array([[np.nan, 0.2], [7e6, 0.2]]), record)

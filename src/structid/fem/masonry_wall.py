@@ -24,7 +24,7 @@ from structid.fem.wall_failure import judged, with_rows
 from structid.fem.wall_film import WallFilm
 from structid.fem.wall_motion import WallState, start, stepping
 from structid.fem.wall_parameters import OPTIONAL, PARAMETER_UNITS, check_priors_of, check_value
-from structid.fem.wall_pictures import drawn_mesh, pictures_of
+from structid.fem.wall_pictures import drawn_joint, drawn_mesh, pictures_of
 from structid.ground_motion.excitation import Excitation, check_one_signal
 from structid.hashing import digest
 from structid.histories import Histories
@@ -345,6 +345,24 @@ class MasonryWall(TraceableModel):
             One panel.
         """
         return drawn_mesh(self.condensed.assembly, self.channels, save)
+
+    def plot_joint(self, theta: np.ndarray | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the law of the joints: traction against opening and against slip, with an unloading (the thesis's figure 5.1).
+
+        Parameters
+        ----------
+        theta : ndarray, shape (parameter,), optional
+            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            Two panels.
+        """
+        row = np.zeros((1, 0)) if theta is None else self.parameters(np.atleast_2d(theta))
+        return drawn_joint(self._law(self._values(row)), JOINT_LAWS[self.joint_law], save)
 
     # --- what others ask ----------------------------------------------------------------------------------------
 

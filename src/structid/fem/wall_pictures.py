@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from structid.fem.assembly import Assembly
 from structid.fem.wall_channels import is_point, point_of
 from structid.fem.wall_film import GRID, WallFilm
+from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 from structid.models.pictures import Film, ModelPicture
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+PATH = (0.0, 2.0, 0.0, 6.0)
+"""Jumps of a joint whose law is drawn, in characteristic lengths: there, back, and on."""
+CLOSURE = 0.6
+"""How far such a joint is closed at first, likewise."""
+PATH_POINTS = 121
+"""Points of each part of that path."""
 
 FRAMES = 60
 """Of the film in a report."""
@@ -56,6 +65,54 @@ def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.Pat
         f"{1e-3 * masonry.upper_mass:g} t on the beam",
         save=save,
     )
+
+
+def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw tractions of a joint against its opening and its slip, which goes back to zero once on its way.
+
+    Parameters
+    ----------
+    law : CohesiveLaw
+        The parameters, of one run.
+    joint : JointLaw
+        What a joint answers.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
+    from structid.figures import wall as figures
+
+    of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
+    path = np.concatenate([np.linspace(a, b, PATH_POINTS) for a, b in pairwise(PATH)])
+    normal, tangential = path * of_one.normal_length, path * of_one.tangential_length
+    pressed = np.linspace(-CLOSURE, 0.0, PATH_POINTS) * of_one.normal_length
+    curves = [
+        [
+            (np.r_[pressed, normal], _tractions(of_one, joint, np.r_[pressed, normal], 0.0)[0], "no slip"),
+            (normal, _tractions(of_one, joint, normal, of_one.tangential_length)[0], "slip of δt"),
+        ],
+        [
+            (tangential, _tractions(of_one, joint, 0.0, tangential)[1], "closed"),
+            (tangential, _tractions(of_one, joint, of_one.normal_length, tangential)[1], "opening of δn"),
+        ],
+    ]
+    return figures.joint_law([[(1e3 * x, 1e-6 * y, name) for x, y, name in panel] for panel in curves], save=save)
+
+
+def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tuple[np.ndarray, np.ndarray]:
+    """T_n and T_t [Pa] along a path of jumps, step by step, as a joint remembers."""
+    memory, found = np.zeros((joint.memories, 1)), []
+    for jumps in zip(*np.broadcast_arrays(opening, slip), strict=True):
+        at = tuple(np.array([jump]) for jump in jumps)
+        response = joint.respond(law, memory, *at)
+        found.append((response.normal[0], response.tangential[0]))
+        memory = joint.remembered(law, memory, *at)
+    normal, tangential = np.array(found).T
+    return normal, tangential
 
 
 def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:

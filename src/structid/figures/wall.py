@@ -227,3 +227,32 @@ def _blocks(axis: Any, corners: np.ndarray, fill: str = MASONRY, edge: str = EDG
     axis.add_collection(drawn)
     axis.autoscale_view()
     return drawn
+
+
+@styled
+def joint_law(
+    curves: Sequence[Sequence[tuple[np.ndarray, np.ndarray, str]]], save: str | os.PathLike[str] | None = None
+) -> Figure:
+    """Draw tractions of a joint against its opening and its slip.
+
+    Parameters
+    ----------
+    curves : sequence of sequence of (ndarray, ndarray, str)
+        For each panel jumps [mm], tractions [MPa] and label of every curve.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
+    figure, axes = canvas(1, 2, height=2.6)
+    names = (("opening", "normal traction"), ("slip", "tangential traction"))
+    for axis, panel, (jump, traction) in zip(axes[0], curves, names, strict=True):
+        for (x, y, name), colour in zip(panel, (MODEL, ACCENT), strict=True):
+            axis.plot(x, y, color=colour, lw=1.2, label=name)
+        axis.axhline(0.0, color=MUTED, lw=0.6)
+        axis.legend(loc="upper right")
+        name_axes(axis, (jump, "mm"), (traction, "MPa"))
+    return finish(figure, save=save)

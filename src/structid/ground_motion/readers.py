@@ -32,6 +32,9 @@ _DATE, _CLOCK = r"\d{4}[-/.]\d{1,2}[-/.]\d{1,2}", r"\d{1,2}:\d{2}(?::\d{2}(?:[.,
 _STAMP = re.compile(rf'"?({_DATE}(?:[T ]+{_CLOCK})?|{_CLOCK})"?(?=[\s;,]|$)')
 """A date, a time of day, or both, at the beginning of a line."""
 
+_EMPTY_CELL = re.compile(r"(?:^|[,;])\s*[,;]")
+"""Nothing between two separators, or before the first."""
+
 _MAYBE_DECIMAL_COMMA = re.compile(r"[-+]?(\d+|\d*[.,]\d+|\d+[.,])([eEdD][-+]?\d+)?")
 """A number, perhaps with a decimal comma."""
 
@@ -212,6 +215,9 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[st
         if not text or text.startswith(("#", "%")) or (not rows and _is_header(text)):
             titles = titles if rows else _titles(text)
             continue
+        if _EMPTY_CELL.search(text):
+            cure = "Fill it, or leave its column out: cells after it would be taken for those before."
+            raise InputError(f"{path}, line {number}", "an empty cell", "a number in every cell", cure)
         row = numbers_of(path, [_in_columns(text)], first_line=number)
         if rows and len(row) != len(rows[0]):
             raise InputError(f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before")

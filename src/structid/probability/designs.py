@@ -18,6 +18,10 @@ from structid.streams import Purpose, stream
 
 if TYPE_CHECKING:
     import xarray
+    from matplotlib.figure import Figure
+
+DENSITY_POINTS = 200
+"""Places at which a prior's density is drawn."""
 
 METHODS = {
     "latin_hypercube": Purpose.LATIN_HYPERCUBE,
@@ -75,6 +79,37 @@ class Design:
             Values in SI.
         """
         return np.asarray(self.space.columns(self.values, names))
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the points, such as samples of a prior: every parameter, and every pair of them (the thesis's figure 3.8).
+
+        Parameters
+        ----------
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            In display units; the prior's density is drawn over the histograms.
+
+        Raises
+        ------
+        InputError
+            If there are fewer than two points, or no parameters.
+        """
+        from structid.figures.designs import samples
+
+        if len(self) < 2 or not self.names:
+            raise InputError("Design.plot", f"{len(self)} points of {len(self.names)} parameters", "two points or more")
+        factors, units = self.space.factors, self.space.units
+        low, high = self.values.min(axis=0), self.values.max(axis=0)
+        places = np.linspace(low, high, DENSITY_POINTS)
+        laws = self.space.marginals.values()
+        densities = np.stack([np.exp(law.log_density(places[:, i])) * factors[i] for i, law in enumerate(laws)], axis=1)
+        return samples(
+            self.names, [units[n] for n in self.names], self.values / factors, places / factors, densities, save=save
+        )
 
     @check_arguments
     def to_csv(self, path: str | os.PathLike[str]) -> Path:

@@ -337,7 +337,7 @@ class Surrogate(TraceableModel, StandIn):
         error = rng.standard_normal((len(theta), 1, values.shape[2]))
         return np.asarray(values + error * self.standard_deviation(theta, excitation, values))
 
-    def validate(self, runs: Runs, progress: Progress | None = None) -> Validation:
+    def validate(self, runs: Runs, progress: Progress | None = None, fitted: bool = False) -> Validation:
         """Compare with runs the surrogate was not fitted to, and keep the outcome, which decides whether it may be used.
 
         Parameters
@@ -346,18 +346,26 @@ class Surrogate(TraceableModel, StandIn):
             Runs of the model it stands for.
         progress : callable, optional
             Called with the number of compared runs and the total.
+        fitted : bool
+            Allow runs it was fitted to, to see what the fit leaves of them. That says nothing of other runs, so the outcome is not
+            kept.
 
         Returns
         -------
         Validation
             Errors, peaks, coverage.
         """
+        if fitted:
+            return validate(self, runs, progress)
         if isinstance(runs, Runs) and self.fitted.seen:
             again = len(set(self.fitted.seen) & set(run_digests(runs)))
             if again:
                 came, allowed = f"{again} of the runs it was fitted to", "runs it has not seen"
                 raise InputError(
-                    f"{self.fitted.kind}.validate", came, allowed, "Draw others: space.sample(500, seed=2)."
+                    f"{self.fitted.kind}.validate",
+                    came,
+                    allowed,
+                    "Draw others: space.sample(500, seed=2). To see what the fit leaves of its own runs: fitted=True.",
                 )
         self.validation = validate(self, runs, progress)
         return self.validation

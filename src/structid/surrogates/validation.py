@@ -226,7 +226,9 @@ def relative_errors(true: np.ndarray, predicted: np.ndarray) -> np.ndarray:
 class Validated(Protocol):
     """What a validation asks of a surrogate."""
 
-    channels: tuple[str, ...]
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What it responds with."""
 
     def parameters(self, design: Design) -> np.ndarray:
         """Bring the columns of a design into the order of its parameters.

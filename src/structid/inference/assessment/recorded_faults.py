@@ -6,13 +6,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from structid.channels import ChannelUnit
+from structid.channels import ChannelUnit, base_channel
 from structid.ground_motion.excitation import Excitation
 from structid.observation import Observation
 from structid.units import factor
 
 OFFSET = 2.0
 """Mean of a measurement over its standard deviation, beyond which it is likely to have an offset."""
+
+OFFSET_OF_RATES = 0.5
+"""The same for velocities and accelerations, whose mean over a record is nearly zero for a structure that stays where it is."""
+
+RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
+"""Such channels."""
 
 OFFSET_AT_REST = 0.02
 """The same of its mean before anything moves, over its peak: a zero that was not taken."""
@@ -63,7 +69,7 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
     asked = []
     for channel, values in zip(observation.channels, observation.values.T, strict=True):
         unit = units[channel].display
-        found = [_straight(channel, values)]
+        found = [_constant(channel, values, unit) or _straight(channel, values)]
         if not found[0]:
             found += [
                 _offset(channel, values, unit, observation),
@@ -145,10 +151,17 @@ def clipped(name: str, values: np.ndarray, unit: str) -> str:
     return ""
 
 
+def _constant(channel: str, values: np.ndarray, unit: str) -> str:
+    """A history that never changes is of no sensor that works."""
+    if len(values) < FEWEST or np.ptp(values) > 0.0:
+        return ""
+    return f"The measured {channel} is {values[0] / factor(unit):.3g} {unit} throughout. Was the sensor dead?"
+
+
 def _straight(channel: str, values: np.ndarray) -> str:
     """A straight line is no response."""
     times = np.arange(len(values))
-    if len(values) < FEWEST or np.ptp(values) == 0.0:
+    if len(values) < FEWEST:
         return ""
     slope, start = np.polyfit(times, values, 1)
     if np.abs(values - start - slope * times).max() > STRAIGHT * np.ptp(values):
@@ -165,7 +178,7 @@ def _offset(channel: str, values: np.ndarray, unit: str, observation: Observatio
         return ""
     mean, spread = float(values.mean()), float(values.std())
     cure = "Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
-    if abs(mean) > OFFSET * spread:
+    if abs(mean) > (OFFSET_OF_RATES if base_channel(channel) in RATES else OFFSET) * spread:
         return (
             f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit}, {abs(mean) / spread:.1f} "
             f"times its standard deviation. {cure}"

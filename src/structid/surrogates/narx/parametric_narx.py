@@ -1,10 +1,14 @@
-"""A fitted NARX whose coefficients are functions of the parameters: PC-NARX and Kriging-NARX; it takes any record."""
+"""A fitted NARX whose coefficients are functions of the parameters: PC-NARX and Kriging-NARX; it takes any record.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
 
 from __future__ import annotations
 
 import os
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +20,7 @@ from structid.errors import InputError, Status, StructidWarning
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
 from structid.mechanics.time_loop import TimeLoop
+from structid.models.face import Progress
 from structid.models.traceable import TracedExcitation
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
@@ -25,10 +30,12 @@ from structid.surrogates.fit import Fit
 from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments, input_signals
 from structid.surrogates.narx.free_run import FreeRun
+from structid.surrogates.narx.one_step_regression import FIRST_SHAPES, constant_shapes, per_experiment_solution
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import Memory, Term
 from structid.surrogates.narx.training import refined_coefficients
 from structid.surrogates.narx.training_set import training_set
+from structid.surrogates.validation import Validation, validate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -300,14 +307,45 @@ class ParametricNARX(Surrogate):
         self, theta: np.ndarray, excitation: Excitation, values: np.ndarray, horizon: int | None = None, known: int = 0
     ) -> np.ndarray:
         """Outputs in SI of runs that start from measured values (run, time, channel)."""
+        return self._outputs(self._coefficients_at(theta), excitation, values, horizon, known)
+
+    def run_with(self, coefficients: np.ndarray, excitation: Excitation) -> Histories:
+        """Run freely with given coefficients.
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (run, coefficient)
+            In the order of `terms`.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        Histories
+            In SI.
+        """
+        nothing = np.zeros((len(coefficients), len(excitation), len(self.channels)))
+        found = self._outputs(coefficients, excitation, nothing)
+        return self._histories(found[:, excitation.dropped_samples :], excitation)
+
+    def _outputs(
+        self,
+        coefficients: np.ndarray,
+        excitation: Excitation,
+        values: np.ndarray,
+        horizon: int | None = None,
+        known: int = 0,
+    ) -> np.ndarray:
+        """Outputs in SI of runs with these coefficients, which may restart from values (run, time, channel)."""
+        count = len(coefficients)
         # The parameters are not looked at here, and may be none.
         runs = Runs(
-            Design(np.zeros((len(theta), 0)), ParameterSpace()), (excitation,), self.channels,
-            InMemory(values), np.full(len(theta), Status.DONE), np.zeros(len(theta), dtype=int),
+            Design(np.zeros((count, 0)), ParameterSpace()), (excitation,), self.channels,
+            InMemory(values), np.full(count, Status.DONE), np.zeros(count, dtype=int),
         )  # fmt: skip
         data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
         run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest, horizon, known)
-        return np.asarray(run.outputs(self._coefficients_at(theta), data) * self._factors)
+        return np.asarray(run.outputs(coefficients, data) * self._factors)
 
     def _histories(self, found: np.ndarray, excitation: Excitation) -> Histories:
         """Histories, NaN from where one has left all that was seen in training."""
@@ -361,7 +399,52 @@ class ParametricNARX(Surrogate):
         """
         return (values**2).mean(axis=0) * (np.asarray(self.spread) ** 2)[:, None]
 
-    def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None) -> Figure:
+    def validate_structure(self, runs: Runs, refined: bool = True, progress: Progress | None = None) -> Validation:
+        """Run freely with coefficients of each run by itself: what the terms can do, however these depend on the parameters.
+
+        The thesis's figures 3.12 and 5.5 to 5.7 have such errors over its experimental design, with `refined=False`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Runs of the model, those it was fitted to among them.
+        refined : bool
+            Refine the coefficients on the free run, from those of the surrogate on. Otherwise they are those of least squares one
+            step ahead (thesis eq. 2.62).
+        progress : callable, optional
+            Called with the number of compared runs and the total.
+
+        Returns
+        -------
+        Validation
+            Errors, peaks, histories; what the surrogate says of its own deviation stays that of the surrogate.
+        """
+        return validate(WithOwnCoefficients.of(self, runs, refined), runs, progress)
+
+    def own_coefficients(self, runs: Runs, refined: bool = True) -> np.ndarray:
+        """Fit the coefficients to each run by itself; see `validate_structure`.
+
+        Parameters
+        ----------
+        runs : Runs
+            Finished runs.
+        refined : bool
+            As there.
+
+        Returns
+        -------
+        ndarray, shape (run, coefficient)
+            In the order of `terms`.
+        """
+        data = training_set(Experiments.of(runs, self.fitted.dt), self.recursion)
+        free_run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest)
+        if refined:
+            return refined_coefficients(free_run, self._coefficients_at(self.parameters(runs.design)), data, 2)
+        vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
+        equations = free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
+        return per_experiment_solution(self.recursion, *equations, vector)
+
+    def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
         """Draw the coefficients against those of single runs by themselves, as far as the runs determine them.
 
         Parameters
@@ -370,6 +453,8 @@ class ParametricNARX(Surrogate):
             Runs of the model, preferably ones the surrogate has not seen.
         save : path-like, optional
             Where to save it, without ending: PNG and PDF are written.
+        refined : bool
+            As for `own_coefficients`.
 
         Returns
         -------
@@ -383,10 +468,8 @@ class ParametricNARX(Surrogate):
             self.check_excitation(done.records[number])
         if done.channels != self.channels:
             raise InputError("plot_coefficients", f"runs of {', '.join(done.channels)}", ", ".join(self.channels))
-        data = training_set(Experiments.of(done, self.fitted.dt), self.recursion)
         predicted = self._coefficients_at(self.parameters(done.design))
-        own = refined_coefficients(FreeRun(self.recursion, PREDICTION_BOUND * self.largest), predicted, data, 2)
-        return figures.coefficients(own, predicted, self.terms, save=save)
+        return figures.coefficients(self.own_coefficients(done, refined), predicted, self.terms, save=save)
 
     def to_plain(self) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
         """Give what the surrogate consists of, for a file.
@@ -439,3 +522,53 @@ class ParametricNARX(Surrogate):
         )
         coefficients = Coefficients.from_plain(fit.space, plain["coefficients"], arrays)
         return cls(fit, recursion, coefficients, plain["largest"], arrays["spread"], np.array(plain["largest_input"]))
+
+
+@dataclass(frozen=True, eq=False)
+class WithOwnCoefficients:
+    """A NARX whose coefficients are those of single runs, at the points of these runs.
+
+    Parameters
+    ----------
+    surrogate : ParametricNARX
+        Structure, channels and range.
+    of_point : dict of bytes to ndarray
+        Coefficients at each point.
+    """
+
+    surrogate: ParametricNARX
+    of_point: dict[bytes, np.ndarray]
+
+    @classmethod
+    def of(cls, surrogate: ParametricNARX, runs: Runs, refined: bool) -> WithOwnCoefficients:
+        """Fit them; see `ParametricNARX.own_coefficients`."""
+        done = runs[runs.done]
+        points = surrogate.parameters(done.design)
+        own = surrogate.own_coefficients(done, refined)
+        return cls(surrogate, {point.tobytes(): row for point, row in zip(points, own, strict=True)})
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Those of the surrogate."""
+        return self.surrogate.channels
+
+    def parameters(self, design: Design) -> np.ndarray:
+        """Those of the surrogate."""
+        return self.surrogate.parameters(design)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """As the surrogate does."""
+        self.surrogate.check_excitation(excitation)
+
+    def outside(self, theta: np.ndarray) -> np.ndarray:
+        """As the surrogate does."""
+        return self.surrogate.outside(theta)
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """That of the surrogate."""
+        return self.surrogate.standard_deviation(theta, excitation, values)
+
+    def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
+        """Respond with the coefficients of these points."""
+        coefficients = np.stack([self.of_point[point.tobytes()] for point in theta])
+        return self.surrogate.run_with(coefficients, excitation)
