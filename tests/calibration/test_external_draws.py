@@ -138,3 +138,19 @@ def test_a_damaged_table_is_refused(text, tmp_path):
     file.write_text(text)
     with pytest.raises(InputError):
         draws_of(file, NAMES, UNITS)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda lines: lines[1:], "numbers in the first line. Allowed: a line of heads: stiffness, beta"),
+        (lambda lines: [*lines[:51], f"stuck,{lines[51].split(',')[1]}", *lines[52:]], "draw 51: stiffness is 'stuck'"),
+    ],
+)
+def test_a_table_says_which_line_is_no_draw(tmp_path, change, said):
+    file = tmp_path / "draws.csv"
+    lines = ["stiffness,beta", *(f"{k!r},{b!r}" for k, b in FLAT.tolist())]
+    file.write_text("\n".join(change(lines)))
+    with pytest.raises(InputError) as refusal:
+        draws_of(file, NAMES, UNITS)
+    assert said in str(refusal.value)

@@ -52,3 +52,17 @@ def test_other_models_say_nothing():
             raise NotImplementedError
 
     assert Plain().derived_quantities(np.ones((1, 1))) == {}
+
+
+def test_the_lowest_natural_frequency_is_that_of_the_initial_stiffness():
+    """√(k/m)/2π of one storey; of a frame the lowest of its modes, for every run by its own stiffness."""
+    shape = dict(alpha=0.05, beta=50.0, gamma=50.0)
+    one = si.BoucWen(mass=12e3, free=("stiffness",), **shape)
+    stiffness = np.array([[7.6e6], [3.0e6]])
+    assert one.natural_frequency(stiffness) == pytest.approx(np.sqrt(stiffness[:, 0] / 12e3) / (2.0 * np.pi))
+    frame = si.ShearFrame(storeys=2, mass=12e3, free=("stiffness_1", "stiffness_2"), **shape)
+    each = [
+        si.ShearFrame(storeys=2, mass=12e3, stiffness=list(k), **shape).frequencies()[0]
+        for k in ((7e6, 5e6), (3e6, 9e6))
+    ]
+    assert frame.natural_frequency(np.array([[7e6, 5e6], [3e6, 9e6]])) == pytest.approx(each)

@@ -54,6 +54,22 @@ def test_a_likely_mistake_in_the_measurement(study, change, words):
     assert done.returncode == 2 and words in done.stdout and "in order" not in done.stdout, done.stdout
 
 
+def test_a_stiffness_whose_unit_was_forgotten(study):
+    """7.4 N/m in place of 7.4 kN/mm: the mass follows the ground, at about the measured size and frequencies."""
+    text = re.sub(r'unit = "kN/mm".*\n', "", PLAIN, count=1)
+    assert text != PLAIN
+    done = study(text=text)
+    assert done.returncode == 2 and re.search(
+        r"lowest natural frequency is 0\.00\d+ Hz, which no structure has", done.stdout
+    )
+
+
+def test_a_dead_sensor_is_one_question(study):
+    done = study(lambda v: np.full_like(v, 0.0125))
+    asked = [line for line in done.stdout.splitlines() if line.startswith("?")]
+    assert len(asked) == 1 and "throughout. Was the sensor dead?" in asked[0], asked
+
+
 def test_a_channel_with_the_sign_reversed(study, tmp_path):
     """Seen where the model at the priors' medians is near the structure."""
     model = load(tmp_path / "small.toml")

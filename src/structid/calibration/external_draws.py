@@ -108,7 +108,9 @@ def _of_file(path: Path, names: tuple[str, ...], units: Mapping[str, str]) -> np
     if not path.is_file():
         raise InputError(WHERE, f"no file {path}", "a netCDF file with the group 'posterior', or a CSV with heads")
     if path.suffix.lower() in (".csv", ".txt", ".tsv", ".dat"):
-        return _of_table(_text_table(path), names)
+        table = _text_table(path)
+        _check_cells(path, table, names)
+        return _of_table(table, names)
     import xarray
 
     try:
@@ -137,6 +139,21 @@ def _text_table(path: Path) -> Any:
         )
     except ValueError as problem:  # pandas' errors of parsing are such
         raise InputError(WHERE, f"{path}: {problem}", "a line of heads, and as many values in every line") from None
+
+
+def _check_cells(path: Path, table: Any, names: tuple[str, ...]) -> None:
+    """Refuse a table without heads, and name the first cell of a parameter that is no number."""
+    import pandas
+
+    heads = [str(name).strip() for name in table.columns]
+    if all(pandas.notna(pandas.to_numeric(head, errors="coerce")) for head in heads):
+        raise InputError(WHERE, f"{path}: numbers in the first line", f"a line of heads: {', '.join(names)}")
+    for head, name in zip(heads, table.columns, strict=True):
+        if head not in names or pandas.api.types.is_numeric_dtype(table[name]):
+            continue
+        wrong = table[name][pandas.to_numeric(table[name], errors="coerce").isna() & table[name].notna()]
+        if len(wrong):
+            raise InputError(WHERE, f"{path}, draw {wrong.index[0] + 1}: {name} is '{wrong.iloc[0]}'", "numbers")
 
 
 def _of_table(table: Any, names: tuple[str, ...]) -> np.ndarray:

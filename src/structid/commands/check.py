@@ -57,6 +57,5 @@ def _say(line: str) -> None:
 
 
 def _describe(built: BuiltStudy) -> None:
-    screen.print(str(built.record), markup=False)
-    screen.print(str(built.model), markup=False)
-    screen.print(repr(built.space), markup=False)
+    for what in (str(built.record), str(built.model), repr(built.space)):
+        _say(what)

@@ -220,7 +220,10 @@ def _table(path: str | os.PathLike[str]) -> tuple[np.ndarray, list[int], list[st
             raise InputError(f"{path}, line {number}", "an empty cell", "a number in every cell", cure)
         row = numbers_of(path, [_in_columns(text)], first_line=number)
         if rows and len(row) != len(rows[0]):
-            raise InputError(f"{path}, line {number}", f"{len(row)} columns", f"{len(rows[0])}, as in the lines before")
+            came = f"{len(row)} column{'' if len(row) == 1 else 's'}"
+            raise InputError(
+                f"{path}, line {number}", came, f"{len(rows[0])}, as in the lines before", "Is a cell empty?"
+            )
         rows.append(list(row))
         numbers.append(number)
     if len(rows) < 2:

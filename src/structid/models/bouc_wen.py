@@ -297,6 +297,22 @@ class BoucWen(TraceableModel):
         k, m = (np.array([v]) if isinstance(v, float) else v for v in (values["stiffness"], values["mass"]))
         return HystereticSprings(np.ones((1, 1)), k, m, law)
 
+    def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
+        """Give that of the initial stiffness; see `Model.natural_frequency`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In the order of `free`.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            [Hz].
+        """
+        values = self._values(theta)
+        return np.broadcast_to(np.sqrt(values["stiffness"] / values["mass"]) / (2.0 * np.pi), len(theta))
+
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
         """Give yield displacement and yield force; see `Model.derived_quantities`.
 

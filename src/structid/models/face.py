@@ -180,6 +180,21 @@ class Model(ABC):
         """
         return {}
 
+    def natural_frequency(self, theta: np.ndarray) -> np.ndarray | None:
+        """Lowest natural frequency before anything yields.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+
+        Returns
+        -------
+        ndarray, shape (run,), or None
+            [Hz]; None for a model that says nothing of it.
+        """
+        return None
+
     def working_in(self, folder: Path) -> Model:
         """Return this model with a folder for the files that its runs leave, if they leave any.
 

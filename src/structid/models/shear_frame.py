@@ -272,6 +272,23 @@ class ShearFrame(TraceableModel):
         values = self._values(np.zeros((1, 0)))
         return {n: v if isinstance(v, float) else np.ravel(v) for n, v in values.items() if v is not None}
 
+    def natural_frequency(self, theta: np.ndarray) -> np.ndarray:
+        """Give the lowest of the initial stiffnesses; see `Model.natural_frequency`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            In the order of `free`.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            [Hz].
+        """
+        values, shape = self._values(theta), (self.storeys, len(theta))
+        mass, stiffness = (np.broadcast_to(values[name], shape).T for name in ("mass", "stiffness"))
+        return np.array([_frequencies(k, m)[0] for k, m in zip(stiffness, mass, strict=True)])
+
     def derived_quantities(self, theta: np.ndarray) -> dict[str, DerivedQuantity]:
         """Give yield drift and yield force of every storey; see `Model.derived_quantities`.
 
@@ -404,14 +421,19 @@ class ShearFrame(TraceableModel):
             )
         mass = np.broadcast_to(np.asarray(self.mass, dtype=np.float64), self.storeys)
         stiffness = np.broadcast_to(np.asarray(self.stiffness, dtype=np.float64), self.storeys)
-        matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
-        return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
+        return _frequencies(stiffness, mass)
 
     def __str__(self) -> str:
         free = f", free: {', '.join(self.free)}" if self.free else ""
         if any(n.startswith(("mass", "stiffness")) for n in self.free):
             return f"ShearFrame: {self.storeys} storeys{free}"
         return f"ShearFrame: {self.storeys} storeys, f {', '.join(f'{f:.4g}' for f in self.frequencies())} Hz{free}"
+
+
+def _frequencies(stiffness: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    """Natural frequencies [Hz] of storeys of these stiffnesses under floors of these masses, rising."""
+    matrix = stiffness_matrix(stiffness) / np.sqrt(np.outer(mass, mass))
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(matrix)) / (2.0 * np.pi))
 
 
 def _parameters(given: Mapping[str, Any]) -> list[str]:

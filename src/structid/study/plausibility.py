@@ -11,6 +11,7 @@ import numpy as np
 
 from structid.errors import Status
 from structid.figures import response as figures
+from structid.ground_motion.excitation import DisplacementHistory
 from structid.ground_motion.record import GroundMotion
 from structid.inference.assessment.recorded_faults import clipped, gap, questions_of_the_measurement
 from structid.inference.assessment.side_by_side import SideBySide
@@ -26,6 +27,9 @@ PRIOR_DRAWS = 1024
 
 LARGEST_PGA = 5.0
 """More than any ground has shown [g]: 4.4 g, of all components together, at IWTH25 in Iwate-Miyagi in 2008."""
+
+FREQUENCIES = (0.03, 300.0)
+"""Between them is the lowest natural frequency [Hz] of whatever is tested: a suspension bridge, a stiff small specimen."""
 
 BETWEEN = 0.25
 """Probability of each parameter, by its prior, at the point that is run between two runs of one point."""
@@ -119,21 +123,23 @@ def plausibility(study: BuiltStudy, tell: Callable[[str], None] | None = None) -
     for error in _errors_of_the_integration(study, medians):
         say(*([] if error.too_large else [str(error)]))
         questions += [error.question] if error.too_large else []
+    questions += _of_the_frequency(study, medians)
     compared: list[tuple[SideBySide, ...]] = []
     for observation in study.posterior.observations:
         questions += questions_of_the_measurement(observation, study.model.channel_units)
         run = study.model.simulate(medians, observation.record)
         if not run.done[0]:
             who = "structure" if run.status[0] == Status.STRUCTURE_FAILED else "model"
+            reason = run.reasons[0].rstrip(".")
             questions.append(
-                f"At the priors' medians the {who} fails on {observation.record.name}: {run.reasons[0]} Are priors and units right?"
+                f"At the priors' medians the {who} fails on {observation.record.name}: {reason}. Are priors and units right?"
             )
             continue
         pairs = SideBySide.of({c: run.channel(c)[0] for c in run.channels}, run.units, observation)
         compared.append(pairs)
         for pair in pairs:
             say(f"At the priors' medians the {pair.sentence}")
-            questions += pair.questions.values()
+            questions += pair.questions.values() if np.ptp(pair.measured) > 0.0 else ()
     if compared and not study.model.batched:
         questions += _of_memory(study, compared[0])
     return Plausibility(tuple(said), tuple(questions), tuple(compared))
@@ -161,6 +167,19 @@ def _of_the_records(study: BuiltStudy) -> list[str]:
             )
         questions += [gap(name, record.values, record.dt), clipped(name, record.values, record.unit)]
     return [question for question in questions if question]
+
+
+def _of_the_frequency(study: BuiltStudy, theta: np.ndarray) -> list[str]:
+    """Whether what is shaken could be a structure: a forgotten unit makes a stiffness a million times too small."""
+    found = study.model.natural_frequency(theta)
+    assert study.posterior is not None
+    shaken = any(not isinstance(o.record, DisplacementHistory) for o in study.posterior.observations)
+    if found is None or not shaken or FREQUENCIES[0] <= float(found[0]) <= FREQUENCIES[1]:
+        return []
+    return [
+        f"At the priors' medians the lowest natural frequency is {float(found[0]):.2g} Hz, which no structure has. Are mass and "
+        "stiffness in the units you mean, and a number without a unit in SI?"
+    ]
 
 
 def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[IntegrationError]:
