@@ -8,7 +8,7 @@ SIDE_BY_SIDE := -n 2 --dist loadfile
 # Two workers on two cores: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
 # Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast.
-# The slow tests, and the other interpreters, compile as users do.
+# The slow tests compile as users do.
 PLAIN_COMPILER := XLA_FLAGS="--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false"
 
 .PHONY: demo test test-slow docs package lint format bench lock clean

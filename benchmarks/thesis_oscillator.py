@@ -67,12 +67,15 @@ def loop(record: si.GroundMotion, folder: Path) -> Row:
     lines.plot(folder / "loop")
     low, high = (end * 1e-6 for end in lines.initial_interval)
     first, last = lines.alpha_interval
+    held = ["holds" if low < 7.6 < high else "misses", "holds" if first < common.ALPHA < last else "misses"]
     return Row(
         "F 3.7", "two lines through the measured loop",
         joined(["k_i 7.42 kN/mm", "α 0.063"]),
         joined([f"k_i {lines.initial_stiffness * 1e-6:.2f} kN/mm", f"α {lines.alpha:.3f}"]),
-        joined([f"k_i {low:.2f} to {high:.2f}", f"α {first:.3f} to {last:.3f}"]),
-        "another record; slopes of a smooth loop depend on the range of the lines, and the intervals hold the true 7.6 and 0.05",
+        joined([f"k_i {low:.2f} to {high:.2f}, {held[0]} the true 7.6",
+                f"α {first:.3f} to {last:.3f}, {held[1]} the true 0.05"]),
+        "another record; slopes of a smooth loop depend on the range of the lines. On twelve records and two strengths 80 of 92 "
+        "intervals hold α",
     )  # fmt: skip
 
 
