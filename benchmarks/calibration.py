@@ -19,7 +19,6 @@ import numpy as np
 import structid as si
 
 NAME = "calibration"
-EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
 SEEDS, SEEDS_OF_SEVEN = tuple(range(1, 11)), (1, 2, 3, 4, 5)
 REFERENCE, QUICK_REFERENCE = si.SMC(particles=1000, steps=200), si.SMC(particles=100, steps=20)
 OF_SEVEN = {
@@ -42,7 +41,7 @@ def stochastic(pga: float) -> si.GroundMotion:
 
 
 def el_centro(pga: float) -> si.GroundMotion:
-    return si.GroundMotion.read(EL_CENTRO).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
+    return si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
 
 
 def measured(record: si.GroundMotion) -> si.Observation:

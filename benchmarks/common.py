@@ -26,6 +26,8 @@ import structid as si  # noqa: E402
 from structid.models.hysteretic_parameters import parameter_unit  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
+EL_CENTRO = ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
+"""The record of the published studies that is beside the checkout."""
 RESULTS = ROOT / "benchmarks" / "results"
 QUICK = ROOT / "build" / "benchmarks"
 """Where a quick run writes: its numbers must not stand among the published ones."""

@@ -28,7 +28,6 @@ from structid.mechanics.lanes import machine
 from structid.mechanics.slopes import with_slopes
 
 NAME = "facade"
-EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
 STEP = 1e-3
 BOX = dict(
     normal_energy=si.Uniform(1e3, 10e3), normal_strength=si.Uniform(0.87e6, 1.23e6),
@@ -49,7 +48,7 @@ THESIS_SECONDS = 40.0
 
 def el_centro() -> si.GroundMotion:
     """The record of the published study, 2.5 s."""
-    record = si.GroundMotion.read(EL_CENTRO).lowpass(20.0, order=3)
+    record = si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0, order=3)
     return record.scale_to_pga(6.36).trim(1.0, 3.5)
 
 

@@ -6,7 +6,7 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -230,8 +230,6 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
 
 def small(sampler: Any) -> Any:
     """The same, as short as it can be."""
-    from dataclasses import replace
-
     return replace(sampler, walkers=20, steps=40, settling_steps=0, start_candidates=1)
 
 
@@ -340,9 +338,9 @@ def chapter(clock: Clock, quick: bool) -> Chapter:
     folder = figures_folder(quick)
     strong, study = el_centro(THESIS_PGA), el_centro(common.STUDY_PGA)
     strong.plot(folder / "record")
-    si.GroundMotion.read(common.ROOT.parent / "shared/data/strong_motion/RSN6_IMPVALL.I_I-ELC180.AT2").trim(
-        0.0, 40.0
-    ).scale_to_pga(THESIS_PGA).plot_filter(strong, folder / "filter")
+    si.GroundMotion.read(common.EL_CENTRO).trim(0.0, 40.0).scale_to_pga(THESIS_PGA).plot_filter(
+        strong, folder / "filter"
+    )
     experiment = common.degrading_oscillator(substeps=1)
     experiment.plot_response(strong, save=folder / "experiment")
     space = common.study_space()

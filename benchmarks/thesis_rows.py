@@ -11,8 +11,6 @@ import common
 
 import structid as si
 
-EL_CENTRO = common.ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"
-
 
 @dataclass(frozen=True)
 class Row:
@@ -92,7 +90,7 @@ class Clock:
 
 def el_centro(pga: float, duration: float = 40.0) -> si.GroundMotion:
     """El Centro 1940 in place of the thesis's record, which is not to be had: filtered at 20 Hz, scaled [m/s²]."""
-    return si.GroundMotion.read(EL_CENTRO).lowpass(20.0, order=4).trim(0.0, duration).scale_to_pga(pga)
+    return si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0, order=4).trim(0.0, duration).scale_to_pga(pga)
 
 
 def interval(mean: float, sd: float) -> str:

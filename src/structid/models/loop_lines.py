@@ -122,11 +122,14 @@ class LoopLines(ShownAsText):
                 f"{FEWEST} or more on each",
                 "Change the fractions elastic and yielded.",
             )
-        initial, (final, yield_force) = _initial_slope(u, f, elastic), _final_line(u, f, yielded)
+        initial = _initial_slope(u, f, elastic)
         low, high = _range([initial, *(_initial_slope(u, f, part * elastic) for part in OTHER_ELASTIC)])
         ranges = [yielded, *(1.0 - part * (1.0 - yielded) for part in OTHER_YIELDED)]
-        slopes = [_final_line(u, f, part)[0] for part in ranges]
-        asymptotes = [_asymptote(u, f, initial, part) for part in ranges]
+        lines = [_final_line(u, f, part) for part in ranges]
+        peak, (final, yield_force) = float(np.abs(u).max()), lines[0]
+        slopes = [slope for slope, _ in lines]
+        middles = [0.5 * (1.0 + part) * peak for part in ranges]
+        asymptotes = [_asymptote(initial, *line, middle) for line, middle in zip(lines, middles, strict=True)]
         return cls(initial, final, yield_force, (low, high + (high - low)), _range([*slopes, *asymptotes]), u, f)
 
     @classmethod
@@ -323,14 +326,12 @@ def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float
     return float(final), float(np.mean(yield_forces))
 
 
-def _asymptote(u: np.ndarray, f: np.ndarray, initial: float, part: float) -> float:
+def _asymptote(initial: float, slope: float, yield_force: float, middle: float) -> float:
     """The slope [N/m] to which the final line's falls, if the loop bends as Bouc and Wen's with an exponent of 1.
 
     A loop f = α k_i u + (1 - α) k_i z_u (1 - e^{-u/z_u}) has, at u = μ z_u, the tangent k_i (α + (1 - α) e^{-μ}). It meets the
     initial line at a displacement which is smaller than u by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}), whatever α is.
     """
-    slope, yield_force = _final_line(u, f, part)
-    middle = 0.5 * (1.0 + part) * np.abs(u).max()
     ratio = middle * (initial - slope) / yield_force if yield_force > 0.0 else 0.0
     if not ratio > 2.0:  # as for a tangent at zero
         return float("nan")

@@ -183,7 +183,7 @@ def _of_the_frequency(study: BuiltStudy, theta: np.ndarray) -> list[str]:
 
 
 def _errors_of_the_integration(study: BuiltStudy, theta: np.ndarray) -> list[IntegrationError]:
-    """The largest error of the integration, over the records of the measurements; none of a model that somebody else integrates."""
+    """The largest error of the integration, over the records of the measurements; none of an external model."""
     if study.posterior is None or not isinstance(study.model, TraceableModel):
         return []
     records = {o.record.content_hash: o.record for o in study.posterior.observations}.values()

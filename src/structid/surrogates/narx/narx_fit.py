@@ -29,12 +29,7 @@ from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments
 from structid.surrogates.narx.free_run import FreeRun, robust_loss
-from structid.surrogates.narx.one_step_regression import (
-    FIRST_SHAPES,
-    constant_shapes,
-    first_coefficients,
-    per_experiment_solution,
-)
+from structid.surrogates.narx.one_step_regression import first_coefficients, least_squares_of_each
 from structid.surrogates.narx.parametric_narx import ParametricNARX, with_held_out_spread
 from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
 from structid.surrogates.narx.structure import build_recursion
@@ -167,9 +162,7 @@ class NARXFit:
     def _interpolated(self, regression: PCE | Kriging) -> Coefficients:
         """Coefficients of each experiment by ordinary least squares, interpolated: the way of the thesis (docs/bibliography.md)."""
         data = self.data[self.fitted]
-        vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
-        equations = self.free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
-        found = per_experiment_solution(self.recursion, *equations, vector)
+        found = least_squares_of_each(self.free_run, data)
         space = self.points.space
         mean = PolynomialBasis(space, multi_indices(space.dimension, 0))
         trend = self._expansion(mean, found.mean(axis=0)[:, None], np.ones((len(found), 1)))

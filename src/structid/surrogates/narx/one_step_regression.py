@@ -156,6 +156,26 @@ def per_experiment_solution(
     return found
 
 
+def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> np.ndarray:
+    """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs of the structure.
+    data : TrainingSet
+        The experiments.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
+    equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
+    return per_experiment_solution(runs.recursion, *equations, vector)
+
+
 def batched_solution(gram: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Solve many small normal equations, scaled to a unit diagonal, with a ridge at the level of rounding.
 

@@ -30,7 +30,7 @@ from structid.surrogates.fit import Fit
 from structid.surrogates.narx.coefficients import Coefficients
 from structid.surrogates.narx.experiments import Experiments, input_signals
 from structid.surrogates.narx.free_run import FreeRun
-from structid.surrogates.narx.one_step_regression import FIRST_SHAPES, constant_shapes, per_experiment_solution
+from structid.surrogates.narx.one_step_regression import least_squares_of_each
 from structid.surrogates.narx.recursion import Recursion
 from structid.surrogates.narx.terms import Memory, Term
 from structid.surrogates.narx.training import refined_coefficients
@@ -440,9 +440,7 @@ class ParametricNARX(Surrogate):
         free_run = FreeRun(self.recursion, PREDICTION_BOUND * self.largest)
         if refined:
             return refined_coefficients(free_run, self._coefficients_at(self.parameters(runs.design)), data, 2)
-        vector = constant_shapes(self.recursion, FIRST_SHAPES[1])
-        equations = free_run.regression_equations(np.tile(vector, (len(data), 1)), data)
-        return per_experiment_solution(self.recursion, *equations, vector)
+        return least_squares_of_each(free_run, data)
 
     def plot_coefficients(self, runs: Runs, save: str | os.PathLike[str] | None = None, refined: bool = True) -> Figure:
         """Draw the coefficients against those of single runs by themselves, as far as the runs determine them.
