@@ -115,12 +115,8 @@ def finish_programme(outcome: ProgrammeOutcome) -> None:
         screen.print(
             str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
         )
-        if (seen := learnt.prediction) is not None:
-            low, high = (1e3 * edge for edge in seen.band)
-            screen.print(
-                f"Largest drift of test {seen.name}: predicted {low:.4g} to {high:.4g} mm (5 to 95 %), measured "
-                f"{1e3 * seen.peak:.4g} mm.", markup=False, soft_wrap=True,
-            )  # fmt: skip
+        for sentence in learnt.prediction.sentences if learnt.prediction is not None else ():
+            screen.print(sentence, markup=False, soft_wrap=True)
     screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
     if not outcome.programme.finished:
         raise typer.Exit(FAILED)

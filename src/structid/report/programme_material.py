@@ -32,12 +32,18 @@ class PredictedTest:
         Predicted displacements of the specimen's first channel [m].
     happened : ndarray, shape (time,)
         What they were [m]; shorter where the test ended before.
+    failed : int
+        Draws whose run failed; they are not in `drifts`.
+    reason : str
+        Why the first of them did.
     """
 
     name: str
     time: np.ndarray
     drifts: np.ndarray
     happened: np.ndarray
+    failed: int = 0
+    reason: str = ""
 
     @cached_property
     def peaks(self) -> np.ndarray:
@@ -60,6 +66,21 @@ class PredictedTest:
         """Whether the band of the largest displacement holds what happened."""
         low, high = self.band
         return low <= self.peak <= high
+
+    @property
+    def sentences(self) -> list[str]:
+        """The band beside what happened, and how many draws are not in it."""
+        said = []
+        if len(self.drifts):
+            low, high = (1e3 * edge for edge in self.band)
+            said.append(
+                f"For test {self.name} a largest displacement of {low:.4g} to {high:.4g} mm was predicted (5 to 95 %); it was "
+                f"{1e3 * self.peak:.4g} mm. The band {'holds' if self.covered else 'does not hold'} it."
+            )
+        if self.failed:
+            left = f"{self.failed} of {self.failed + len(self.drifts)} runs of the model failed for test {self.name}"
+            said.append(f"{left}: {self.reason}. " + ("The band is without them." if said else "It is not predicted."))
+        return said
 
 
 @dataclass(frozen=True, eq=False)

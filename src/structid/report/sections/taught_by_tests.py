@@ -31,13 +31,8 @@ def _words(material: ProgrammeMaterial) -> list[str]:
         *([] if calibration is None else _lines(str(calibration.certificate))),
         *_lines(str(verdict)),
     ]
-    if (seen := learnt.prediction) is not None:
-        low, high = (1e3 * edge for edge in seen.band)
-        holds = "holds" if seen.covered else "does not hold"
-        said.append(
-            f"For test {seen.name} a largest displacement of {low:.4g} to {high:.4g} mm was predicted (5 to 95 %); it was "
-            f"{1e3 * seen.peak:.4g} mm. The band {holds} it."
-        )
+    if learnt.prediction is not None:
+        said += learnt.prediction.sentences
     return said
 
 
@@ -86,7 +81,10 @@ def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
     learnt = material.learnt
     if learnt is None:
         return []
-    return [partial(_loops, learnt=learnt), *([partial(_prediction, learnt=learnt)] if learnt.prediction else [])]
+    drawn: list[Drawing] = [partial(_loops, learnt=learnt)]
+    if learnt.prediction is not None and len(learnt.prediction.drifts):
+        drawn.append(partial(_prediction, learnt=learnt))
+    return drawn
 
 
 SECTION: Section[ProgrammeMaterial] = Section("learnt", "What the tests have taught", _drawings, _tables, _words)

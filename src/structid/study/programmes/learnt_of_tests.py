@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
 from structid.ground_motion.record import GroundMotion
+from structid.histories import Histories
 from structid.hybrid.programme import ProgrammeResult
 from structid.hybrid.virtual_test import VirtualHybridTest
 from structid.inference.likelihood.posterior import Posterior
@@ -28,6 +30,8 @@ CHAINS = "learnt.h5"
 """Draws of what was learnt, of the model itself."""
 LEARNING = "learning.json"
 """Seconds of a calibration's stages."""
+MOST_PIECES = 64
+"""Of a move in a predicted test. A run that is not followed in as many grows without bound."""
 
 
 def posterior_of(planned: PlannedProgramme, programme: ProgrammeResult) -> Posterior:
@@ -118,9 +122,37 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
     happened = programme.tests[name].coarse
     steps = programme.tests[name].feasibility.steps
     record = _at_steps(planned.record_of(section), planned.file.dt, steps)
-    drifts = virtual.simulate(draws, record).values[:, :, 0]
-    stood = np.isfinite(drifts).all(axis=1)
-    return PredictedTest(name, record.time, drifts[stood], happened.physical.displacement[:, 0])
+    runs = followed_in_pieces(virtual, draws, record)
+    failed = runs.status != 0
+    reason = next((reason for reason in runs.reasons if reason), "")
+    drifts = runs.values[~failed, :, 0]
+    return PredictedTest(name, record.time, drifts, happened.physical.displacement[:, 0], int(failed.sum()), reason)
+
+
+def followed_in_pieces(virtual: VirtualHybridTest, draws: np.ndarray, record: GroundMotion) -> Histories:
+    """Simulate, in as many pieces a move as it needs.
+
+    A stronger test moves further in a step than those that were learnt from, too far for a step of the law.
+
+    Parameters
+    ----------
+    virtual : VirtualHybridTest
+        The test, in as few pieces as may do.
+    draws : ndarray, shape (draw, parameter)
+        Of its free parameters.
+    record : GroundMotion
+        That drives it.
+
+    Returns
+    -------
+    Histories
+        A run for each draw. One that is not followed in `MOST_PIECES` has failed.
+    """
+    runs = virtual.simulate(draws, record)
+    while np.any(runs.status != 0) and virtual.pieces < MOST_PIECES:
+        virtual = replace(virtual, pieces=2 * virtual.pieces)
+        runs = virtual.simulate(draws, record)
+    return runs
 
 
 def _at_steps(record: GroundMotion, dt: float, steps: int) -> GroundMotion:
