@@ -22,7 +22,7 @@ NOISE = 0.02
 """White noise of each channel over its RMS."""
 PLAN = si.Plan(true_runs=400, start=40, batch=10)
 """Small batches: posteriors are so narrow that the first surrogates only show where to look."""
-QUICK_PLAN = si.Plan(true_runs=70, start=40, batch=10)
+QUICK_PLAN = si.Plan(true_runs=46, start=12, batch=4, explorer=si.SMC(particles=60, steps=6, effective_share=0.5))
 """Too few to certify: a quick run shows that everything runs."""
 EXPERIMENTS, BESIDE_SMC = 10, 3
 REFERENCE = si.SMC(particles=150, steps=80, effective_share=0.5, correlation=0.5, most_moves=10, scouts=0)

@@ -1,5 +1,7 @@
 """The law of the errors, left to the data: what a bad surrogate had to choose, since the budget was spent, is chosen again."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -19,7 +21,9 @@ def measured():
 
 
 def calibrated(measured, true_runs, store):
-    return si.calibrate(MODEL, SPACE, measured, None, "auto", true_runs=true_runs, seed=1, store=store)
+    explorer = si.SMC(particles=100, ensembles=4, steps=12, effective_share=0.5, correlation=0.5)
+    plan, sampler = si.Plan(true_runs=true_runs, explorer=explorer), replace(explorer, particles=200, steps=30)
+    return si.calibrate(MODEL, SPACE, measured, None, "auto", plan=plan, sampler=sampler, seed=1, store=store)
 
 
 @pytest.mark.slow

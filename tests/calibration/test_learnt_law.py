@@ -42,7 +42,7 @@ def of_rough(count, seed):
     return some[accepted][:count]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(seed):
     """Ripples that move no mean: weights alone would ask for a χ that is half as large."""
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(see
     assert "about a law that the runs have taught" in str(found)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
     moved = np.array([0.3, 0.0, 0.0])
     known = 2.0 * np.random.default_rng(seed).standard_normal((80, 3))
@@ -79,7 +79,7 @@ def correlated(x):
     return scipy.stats.multivariate_normal.logpdf(x, np.zeros(3), [[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_draws_that_ignore_a_correlation_are_refused(seed):
     """The runs teach that all means and standard deviations are right, and what is wrong."""
     draws = np.random.default_rng(seed).standard_normal((4000, 3))
@@ -124,7 +124,7 @@ def two_modes(x):
     return np.logaddexp(here, there)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, 1])
 def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
     """The prior's draws that a few known runs do not rule out are run; the runs that somebody has made there help."""
     rng = np.random.default_rng(seed)

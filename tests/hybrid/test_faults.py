@@ -113,14 +113,13 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("moment", FEW)
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize(("fault", "moment"), zip(FAULTS, [*FEW, *FEW], strict=True))
 def test_a_fault(processes, whole, fault, moment):
     FAULTS[fault](processes, whole, moment)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moment", MOMENTS[::3])
+@pytest.mark.parametrize("moment", MOMENTS[::6])
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_at_more_moments(processes, whole, fault, moment):
     FAULTS[fault](processes, whole, moment)

@@ -142,7 +142,7 @@ def test_the_check_knows_the_commands_of_the_run(compensation):
     """A compensation overshoots, and makes small jumps fast: what the pistons will be told, not where they should be."""
     test = frame_test(
         SimulatedSpecimen(LOWER.force, Actuator(delay=0.017)), coupling=PrakashHjelmstad(100, "physical"), time_scale=10.0,
-        compensation=compensation,
+        compensation=compensation, record=record(0.4),
     )  # fmt: skip
     checked, result = test.check(), test.run()
     assert checked.stroke[0] == pytest.approx(np.abs(result.moves.command).max(), rel=2e-3)

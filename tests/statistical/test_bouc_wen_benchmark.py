@@ -2,6 +2,7 @@
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,7 +19,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def figures(shared_data):
-    """What the example reports, run once with its own settings and without its figure."""
+    """What the example reports, run once with half of its steps and without its figure."""
     data = shared_data / "bouc_wen_benchmark"
     if not data.is_dir():
         pytest.skip(f"no data at {data}")
@@ -28,7 +29,7 @@ def figures(shared_data):
         # A dataclass looks its own module up by name.
         patch.setitem(sys.modules, specification.name, example)
         specification.loader.exec_module(example)
-        return example.main(data, figure=None)
+        return example.main(data, figure=None, sampler=replace(example.SAMPLER, steps=30))
 
 
 def test_every_parameter_is_within_three_sds_of_the_truth(figures):

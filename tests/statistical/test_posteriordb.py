@@ -10,10 +10,10 @@ pytestmark = pytest.mark.slow
 
 SAMPLERS = {
     "aies": si.AIES(
-        walkers=60, steps=8000, differential_evolution=0.6, discard=0.25, start_candidates=10, settling_steps=500
+        walkers=60, steps=4000, differential_evolution=0.6, discard=0.25, start_candidates=10, settling_steps=500
     ),
-    "smc": si.SMC(particles=500, steps=150),
-    "nuts": si.NUTS(steps=2000),
+    "smc": si.SMC(particles=500, steps=80),
+    "nuts": si.NUTS(steps=800),
 }
 
 

@@ -1,14 +1,12 @@
 """What tests have taught predicts a stronger one: its moves are longer, and what is not followed is told."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from structid.ground_motion.record import GroundMotion
 from structid.hybrid.benchmark import LAW, two_floor_frame
 from structid.hybrid.frame_parts import cut_frame
 from structid.hybrid.virtual_test import VirtualHybridTest
-from structid.ground_motion.record import GroundMotion
 from structid.models.bouc_wen import BoucWen
 from structid.report.programme_material import PredictedTest
 from structid.study.programmes.learnt_of_tests import followed_in_pieces

@@ -31,7 +31,11 @@ SMALL = (
     + PACKAGED[_AFTER:]
 ).replace('trim = ["4 s", "9 s"]', 'trim = ["4 s", "5.5 s"]')
 SMALL = SMALL.replace('from_test = "3"\npredict = "5"', 'from_test = "1"\npredict = "2"\ndraws = 60')
-CERTIFIED = SMALL
+DEGRADATION, SURROGATE = SMALL.index("[parameters.delta_nu]"), SMALL.index("[surrogate]")
+CERTIFIED = (SMALL[:DEGRADATION] + SMALL[SURROGATE:]).replace(
+    "[model] ", "[model]\ndelta_nu = 1.2\ndelta_eta = 0.6\n# "
+)
+"""Of four parameters: how the specimen degrades is known."""
 SMALL = SMALL[: SMALL.index("[surrogate]")] + '[sampler]\nkind = "smc"\nparticles = 100\nsteps = 20\n'
 ALONE = SMALL[: SMALL.index("[online]")]
 """Without anything that is learnt."""

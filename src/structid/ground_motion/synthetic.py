@@ -6,6 +6,8 @@ site characteristics", Earthquake Engng Struct. Dyn. 39, 1155-1180, doi 10.1002/
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 import scipy
 
@@ -140,6 +142,22 @@ def stochastic_acceleration(
             f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
             "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
         )
+    return _realisation(seed, samples, dt, arias, duration, middle, frequency, frequency_slope, damping_ratio).copy()
+
+
+@functools.lru_cache(maxsize=32)
+def _realisation(
+    seed: int,
+    samples: int,
+    dt: float,
+    arias: float,
+    duration: float,
+    middle: float,
+    frequency: float,
+    frequency_slope: float,
+    damping_ratio: float,
+) -> np.ndarray:
+    """See `stochastic_acceleration`. A study reads its record several times."""
     rng = stream(seed, Purpose.RECORD)
     time = np.arange(samples) * dt
     filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)

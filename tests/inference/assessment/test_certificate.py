@@ -154,7 +154,7 @@ def long_tail(slope):
 ])  # fmt: skip
 def test_sds_of_long_tails(weight, least, most):
     """Of c = 0.026 the variance is 21 % off and χ = 0.07 (κ = 9): its mean is fine, and its sd is 10 % off."""
-    names, count = tuple("abcd"), 300
+    names, count = tuple("abcd"), 120
     found = [judged(of_an_exponential_law(weight, seed), StoredRuns(), names, 99) for seed in range(count)]
     share = np.mean([c.certified for c in found])
     assert least - 3.0 * np.sqrt(0.05 * 0.95 / count) <= share <= most + 3.0 * np.sqrt(0.05 * 0.95 / count)
@@ -168,9 +168,9 @@ def test_the_bound_of_an_sd_lies_above_the_truth():
     off = 1.0 - 1.0 / np.sqrt(weights @ (theta - mean) ** 2 / weights.sum())
     names = tuple("abcd")
     bounds = [
-        judged(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0] for s in range(200)
+        judged(of_an_exponential_law(long_tail(0.04), s), StoredRuns(), names, 99).sd_bound[0] for s in range(100)
     ]
-    assert np.mean(np.array(bounds) > off) >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 200)
+    assert np.mean(np.array(bounds) > off) >= 0.95 - 3.0 * np.sqrt(0.05 * 0.95 / 100)
     even = judged(of_an_exponential_law(rough(0.05), 1), StoredRuns(), names, 99)
     assert even.sd_bound.max() < 0.6 * (1.0 - np.sqrt(1.0 - even.variation.of_variance(np.array([9.0]))[0]))
 

@@ -103,7 +103,7 @@ def test_the_peak_of_another_record_is_inside_its_band(law):
         return truth.simulate(np.zeros((1, 0)), record).values[0, :, 0]
 
     inside, strong = [], []
-    for seed in range(10):
+    for seed in range(6):
         result = si.sample(posterior(motion(seed), response(motion(seed)), seed, law), sampler, seed=seed)
         assert result.verdict().converged and result.verdict().wrong_model
         prediction, clean = result.predict(motion(seed + 1), draws=300), response(motion(seed + 1))
@@ -113,4 +113,4 @@ def test_the_peak_of_another_record_is_inside_its_band(law):
         power = running_power(clean[:, None], motion(0).dt)[:, 0]
         covered = (clean >= low) & (clean <= high)
         strong.append(covered[power > 0.1 * power.max()].mean())
-    assert sum(inside) >= 8 and np.mean(strong) > 0.8
+    assert sum(inside) >= 5 and np.mean(strong) > 0.8

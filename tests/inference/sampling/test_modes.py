@@ -202,7 +202,7 @@ def test_evidence_beside_nested_sampling(dimension):
         lambda x: float(target.log_density(x[None])[0] + dimension * np.log(20.0)),
         lambda u: 20.0 * u - 10.0,
         dimension,
-        nlive=250,
+        nlive=120,
         sample="rwalk",
         rstate=np.random.default_rng(1),
     )

@@ -107,7 +107,8 @@ def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: flo
     shares = shares / shares.sum()
     count = weighted_size(shares)
     ran = np.isfinite(log_ratios)
-    if not ran.any():
+    # One draw that counts for all of them says nothing of how weights vary.
+    if not ran.any() or count <= 1.0 + np.finfo(float).eps:
         return WeightVariation(np.inf, np.inf, confidence, count)
     weights = np.exp(log_ratios - log_ratios[ran].max())
     weights = weights / (shares @ weights)

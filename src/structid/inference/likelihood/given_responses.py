@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
-import jax
 import numpy as np
 
 from structid.inference.likelihood.bound import BoundLikelihood
@@ -20,17 +20,20 @@ class GivenResponses:
         With prior, model and measurements.
     responses : sequence of ndarray, shape (run, time, channel)
         The model's response to the record of each observation; NaN where it failed.
+    compiled : sequence of callable
+        `BoundLikelihood.given` of each observation, compiled.
     """
 
-    def __init__(self, likelihood: JointLikelihood, responses: Sequence[np.ndarray]) -> None:
+    def __init__(
+        self, likelihood: JointLikelihood, responses: Sequence[np.ndarray], compiled: Sequence[Callable[..., Any]]
+    ) -> None:
         self._likelihood = likelihood
         self._finite = np.asarray(np.stack([np.isfinite(r).all(axis=(1, 2)) for r in responses]).all(axis=0))
         # Thousands of drawn responses are finite as a rule, and are not copied then.
         runs = responses if self._finite.all() else [np.where(self._finite[:, None, None], r, 0.0) for r in responses]
         self._squares = [_sum_of_squares(bound, own) for bound, own in zip(likelihood.of, runs, strict=True)]
         self._responses = [own.transpose(1, 2, 0) for own in runs]
-        # Compiled once for all the calls with these responses.
-        self._given = [jax.jit(bound.given) for bound in likelihood.of]
+        self._given = compiled
 
     def log_density(self, theta: np.ndarray) -> np.ndarray:
         """Log posterior density.

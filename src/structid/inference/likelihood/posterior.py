@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
+import jax
 import numpy as np
 
 from structid.arguments import check_arguments
@@ -192,7 +193,11 @@ class Posterior(Target):
             With these instead of this one's.
         """
         of_law = {} if law is None else {"discrepancy": law}
-        return self._like(**of_law, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
+        other = self._like(**of_law, **({} if model is None else {"model": model, "refuse_unfit": refuse_unfit}))
+        if law is None and other.model.channels == self.model.channels:
+            # Compiled once for all the surrogates of a calibration: a response does not tell which model it is of.
+            other._compiled_given = self._compiled_given
+        return other
 
     @property
     def units(self) -> dict[str, str]:
@@ -400,7 +405,7 @@ class Posterior(Target):
 
     def __getstate__(self) -> dict[str, Any]:
         # Code for this process's memory stays here.
-        return {name: value for name, value in self.__dict__.items() if not name.endswith("_in_lanes")}
+        return {k: v for k, v in self.__dict__.items() if not k.endswith("_in_lanes") and k != "_compiled_given"}
 
     def given(self, responses: Sequence[np.ndarray]) -> GivenResponses:
         """Use responses computed beforehand, such as the runs of a campaign, instead of the model's.
@@ -415,7 +420,12 @@ class Posterior(Target):
         GivenResponses
             Log densities of parameters, a row for each run.
         """
-        return GivenResponses(self.likelihood, responses)
+        return GivenResponses(self.likelihood, responses, self._compiled_given)
+
+    @cached_property
+    def _compiled_given(self) -> tuple[Callable[..., Any], ...]:
+        """Log-likelihood of responses to the record of each observation."""
+        return tuple(jax.jit(bound.given) for bound in self.likelihood.of)
 
     def predict(self, theta: np.ndarray, index: int = 0, progress: Progress | None = None) -> np.ndarray:
         """Prediction of one observation, including the instrument, without discrepancy.
