@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -64,6 +64,26 @@ def sum_of_squares(nothing: Any) -> Fold:
         Of that shape.
     """
     return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
+
+
+def side_by_side(folds: Sequence[Fold]) -> Fold:
+    """Several folds of one history.
+
+    Parameters
+    ----------
+    folds : sequence of Fold
+        Each of samples of its own, which come as a tuple.
+
+    Returns
+    -------
+    Fold
+        With a tuple of their values.
+    """
+    return Fold(
+        tuple(fold.start for fold in folds),
+        lambda sums, samples: tuple(fold.step(s, x) for fold, s, x in zip(folds, sums, samples, strict=True)),
+        lambda sums: tuple(fold.value(s) for fold, s in zip(folds, sums, strict=True)),
+    )
 
 
 class TimeLoop(NamedTuple):
@@ -158,25 +178,33 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> T
         What is seen is a pair: what the loop sees, (channel, run), and its derivatives, (parameter, channel, run).
     """
     directions = jnp.eye(parameters.shape[0])
+    row = jax.tree.map(lambda x: x[0], loop_of(parameters).rows)
+
+    def known(p: Any) -> tuple[Any, ...]:
+        """What a step knows of the parameters, such as frequencies of a matrix: worked out and differentiated before the loop."""
+        loop = loop_of(p)
+        return tuple(jax.closure_convert(loop.step, loop.start, row)[1])
 
     def along_all(function: Callable[..., Any], *more: tuple[Any, Any]) -> tuple[Any, Any]:
         """Value of a function of the parameters and more, and its derivatives along each of them; `more` has those of its own."""
         points, slopes = [x for x, _ in more], [x for _, x in more]
 
-        def along(direction: Any, slope: Any) -> tuple[Any, Any]:
-            tangent = jnp.broadcast_to(direction[:, None], parameters.shape)
-            value: tuple[Any, Any] = jax.jvp(function, (parameters, *points), (tangent, *slope))
+        def along(*slope: Any) -> tuple[Any, Any]:
+            value: tuple[Any, Any] = jax.jvp(function, tuple(points), slope)
             return value
 
-        found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(directions, slopes)
+        found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(*slopes)
         return found
 
+    each = parameters, jnp.broadcast_to(directions[:, :, None], (*directions.shape, parameters.shape[1]))
+    start, beforehand = along_all(lambda p: loop_of(p).start, each), along_all(known, each)
+    loop = loop_of(parameters)
+    converted, _ = jax.closure_convert(loop.step, loop.start, row)
+
     def step(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], tuple[Any, Any]]:
-        after, slopes = along_all(lambda p, state: loop_of(p).step(state, row), carried)
+        after, slopes = along_all(lambda state, known: converted(state, row, *known), carried, beforehand)
         return (after[0], slopes[0]), (after[1], slopes[1])
 
-    start = along_all(lambda p: loop_of(p).start)
-    loop = loop_of(parameters)
     return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
 
 

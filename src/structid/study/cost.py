@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -192,8 +192,8 @@ def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Co
     batch = study.sampler.ensembles * study.sampler.walkers // 2 if study.model.batched else 1
     # The first may include a compilation, or start a process.
     each = float(np.median(_seconds_per_run(study, batch, repeats=6 if batch > 1 else 4)[1:]))
-    parts = []
-    for part in _parts(study, each, batch):
+    parts, under = [], _under_usual_laws(study)
+    for part in _parts(study, under, each, batch):
         parts.append(part)
         if tell is not None:
             tell(str(part))
@@ -202,13 +202,14 @@ def estimate(study: BuiltStudy, tell: Callable[[str], None] | None = None) -> Co
         usual, longest = (_sum(_through_a_surrogate(study, rounds)) for rounds in _rounds_of(study))
         more = longest - usual  # where a calibration uses its whole budget [s]
     elif study.posterior is not None and not study.posterior.costs_runs:
-        drifting = _drifting(study)
+        # The data may choose drifting parameters, if they can be sampled in lanes.
+        drifting = next((of for of in under if of.law.inside and of.in_lanes), None)
         otherwise = None if drifting is None else _sampling(drifting, sampler_under(study, drifting))
     at_most = _sum(parts) + more if more else None
     return Cost(tuple(parts), batch, study.plan, otherwise, at_most, _clock_is_inferred(study))
 
 
-def _parts(study: BuiltStudy, each: float, batch: int) -> Iterator[Part]:
+def _parts(study: BuiltStudy, under: Sequence[Posterior], each: float, batch: int) -> Iterator[Part]:
     """The parts of a study whose model takes so many seconds a run in such a batch, in the order of the run."""
     if runs := _true_runs(study):
         yield Part("Campaign", runs * each, runs, batch, study.plan)
@@ -223,7 +224,7 @@ def _parts(study: BuiltStudy, each: float, batch: int) -> Iterator[Part]:
         evaluations = study.sampler.evaluations(study.posterior.dimension)
         yield Part("Sampling", evaluations * each, evaluations, batch)
     else:
-        yield from _choice(study)
+        yield from _choice(under)
         yield from _searches(study)
         yield replace(_sampling(study.posterior, study.sampler), batch=batch)
     if study.fragility is not None:
@@ -288,19 +289,17 @@ def _sum(parts: Iterable[Part]) -> float:
     return sum(part.seconds for part in parts)
 
 
-def _drifting(study: BuiltStudy) -> Posterior | None:
-    """The posterior with drifting parameters, if the data may choose them and they can be sampled in lanes."""
-    if not study.law_is_open:
-        return None
-    under = [study.sampled.on(law=law) for law in usual_laws(study.model) if law.inside]
-    return next((of for of in under if of.in_lanes), None)
-
-
-def _choice(study: BuiltStudy) -> list[Part]:
-    """The choice of the law, each law sampled."""
-    if not study.law_is_open:
+def _under_usual_laws(study: BuiltStudy) -> list[Posterior]:
+    """The posterior under each law that the data may choose, where the choice is theirs and the model itself is sampled."""
+    if not study.law_is_open or study.has_surrogate or study.sampled.costs_runs:
         return []
-    under = [study.sampled.on(law=law) for law in usual_laws(study.model)]
+    return [study.sampled.on(law=law) for law in usual_laws(study.model)]
+
+
+def _choice(under: Sequence[Posterior]) -> list[Part]:
+    """The choice of the law, each law sampled."""
+    if not under:
+        return []
     tried = [of for of in under if of.in_lanes or not of.law.inside]
     return [Part("Choosing the law of the errors", sum(_sampling(of, EXPLORER).seconds for of in tried))]
 

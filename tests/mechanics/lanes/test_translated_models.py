@@ -82,6 +82,8 @@ def test_every_channel_of_a_wall(law):
     ours, theirs = (kind(wall.response, (2, 0))(STRENGTHS, traced) for kind in (InLanes, over_runs))
     assert InLanes(wall.response, (2, 0)).compiled(4, (traced,)) is not None and ours[1].all()
     scale = np.abs(theirs[0]).max(axis=(0, 2), keepdims=True)
+    energies = [channel.endswith("_energy") for channel in wall.channels]
+    scale[:, energies] = scale[:, energies].max()  # some are sums in which larger ones vanish
     assert (np.abs(ours[0] - theirs[0]) <= 1e-9 * scale).all()
 
 

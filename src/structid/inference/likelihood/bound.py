@@ -17,9 +17,10 @@ from jax import lax
 
 from structid.device import jnp
 from structid.errors import Status
+from structid.histories import Histories
 from structid.inference.likelihood.discrepancy import Discrepancy, ErrorLaw
-from structid.mechanics.time_loop import TimeLoop, once_along_each, sum_of_squares
-from structid.models.face import Map, Model
+from structid.mechanics.time_loop import Fold, TimeLoop, once_along_each, sum_of_squares
+from structid.models.face import Model
 from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
@@ -118,7 +119,7 @@ class BoundLikelihood:
         self._space, self._model_error = space, model_error
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
         # The model's own parameters have their names; what is inside it for this observation alone has one of its own in θ.
-        self._free = tuple(name if name in space.all_names else own[name] for name in model.free)
+        self.free = tuple(name if name in space.all_names else own[name] for name in model.free)
         self.channels, self.dt = observation.channels, observation.record.dt
         self._places = np.array([model.channels.index(c) for c in observation.channels])
 
@@ -152,7 +153,7 @@ class BoundLikelihood:
         array, shape (run, free parameter)
             In the model's order.
         """
-        return self._space.columns(theta, self._free)
+        return self._space.columns(theta, self.free)
 
     def response(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Response of the model, inside JAX.
@@ -318,14 +319,63 @@ class BoundLikelihood:
         if self.discrepancy.independent:
             squares, finite = self.squares(theta, measured)
             return self.of_squares(squares, theta), finite
-        parameters = self.parameters(theta)
-        loop = self._loop(parameters, measured)
-        fold = self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, len(measured.values))
+        loop, fold = self.loop(self.parameters(theta), measured), self.fold(theta, len(measured.values))
         if loop is None or fold is None:
             response, finite = self.response(theta, measured)
             return self.given(response, theta, measured.values), finite
         found, finite = loop.folded(fold, measured.values, self.residual(theta))
-        return self._in_si(found), finite
+        return self.of_fold(found, theta), finite
+
+    def fold(self, theta: Any, samples: int) -> Fold | None:
+        """What becomes of the residuals, sample by sample.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        samples : int
+            How many there are.
+
+        Returns
+        -------
+        Fold or None
+            For `of_fold`; None where the discrepancy needs the whole history.
+        """
+        if self.discrepancy.independent:
+            return self.sum_of_squares(theta.shape[0])
+        return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, samples)
+
+    def sum_of_squares(self, runs: int) -> Fold:
+        """Σ (y − M)² of every channel.
+
+        Parameters
+        ----------
+        runs : int
+            How many there are.
+
+        Returns
+        -------
+        Fold
+            With the value (channel, run).
+        """
+        return sum_of_squares(jnp.zeros((len(self.channels), runs)))
+
+    def of_fold(self, value: Any, theta: Any) -> Any:
+        """Log-likelihood from what `fold` gives, inside JAX.
+
+        Parameters
+        ----------
+        value : Any
+            The value of the fold.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density.
+        """
+        return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
 
     def squares(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
         """Sum of squared residuals over time, inside JAX, by the shortest way.
@@ -352,15 +402,44 @@ class BoundLikelihood:
         return found
 
     def _squares(self, parameters: Any, measured: Measured, residual: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
-        loop = self._loop(parameters, measured)
+        loop = self.loop(parameters, measured)
         if loop is None:
             response, finite = self._traceable.response(parameters, measured.excitation)
             return (residual(response, measured.values) ** 2).sum(axis=0), finite
-        nothing = jnp.zeros((len(self.channels), parameters.shape[0]))
-        return loop.folded(sum_of_squares(nothing), measured.values, residual)
+        return loop.folded(self.sum_of_squares(parameters.shape[0]), measured.values, residual)
 
-    def _loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
-        """The loop over time that gives the response sample by sample; None where it is wanted whole, or is no loop."""
+    def follows_a_loop(self, parameters: Any, measured: Measured) -> bool:
+        """Whether a loop over time is the shortest way to the likelihood.
+
+        Parameters
+        ----------
+        parameters : jax.Array, shape (run, free parameter)
+            Of the model.
+        measured : Measured
+            With the record.
+
+        Returns
+        -------
+        bool
+            False where the response is wanted whole, or is no loop.
+        """
+        return not self._model_error and self.loop(parameters, measured) is not None
+
+    def loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
+        """The loop over time that gives the response sample by sample.
+
+        Parameters
+        ----------
+        parameters : jax.Array, shape (run, free parameter)
+            Of the model.
+        measured : Measured
+            With the record.
+
+        Returns
+        -------
+        TimeLoop or None
+            None where the response is wanted whole, or is no loop.
+        """
         if self.observation.time_shift is not None:
             return None
         return self._traceable.time_loop(parameters, measured.excitation)
@@ -391,7 +470,7 @@ class BoundLikelihood:
     # --- on the host --------------------------------------------------------------------------------------------
 
     def on_host(
-        self, theta: np.ndarray, map: Map | None, values: np.ndarray | None = None
+        self, theta: np.ndarray, run: Histories, values: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-likelihood and failure of every run of a model that is not a JAX function.
 
@@ -399,8 +478,8 @@ class BoundLikelihood:
         ----------
         theta : ndarray, shape (run, parameter)
             All parameters.
-        map : callable or None
-            Does several runs at a time, like ``Executor.map``.
+        run : Histories
+            What the model responded at them.
         values : ndarray, shape (time, channel, 1 or run), optional
             Measurements to use instead of the observation's.
 
@@ -410,7 +489,6 @@ class BoundLikelihood:
             Log-likelihood, −inf where the response does not reach the end; and which runs failed. A run in which the structure
             failed is not among them: parameters that let it collapse are impossible, and that is an answer.
         """
-        run = self.model.simulate(np.asarray(self.parameters(theta)), self.observation.record, map=map)
         response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
         values = self.observation.values[:, :, None] if values is None else values
         found = np.asarray(self.given(response, theta, self.compared(values)))

@@ -13,6 +13,7 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.bound import BoundLikelihood, Measured, own_priors
 from structid.inference.likelihood.discrepancy import ErrorLaw
+from structid.inference.likelihood.one_response import log_likelihood_of, of_one_run
 from structid.models.face import Map, Model, Progress
 from structid.models.traceable import as_traceable
 from structid.observation import Observation
@@ -191,6 +192,11 @@ class JointLikelihood:
         return theta
 
     @cached_property
+    def of_one_run(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the observations that share a response."""
+        return of_one_run(self.of)
+
+    @cached_property
     def measured(self) -> tuple[Measured, ...]:
         """What the density inside JAX takes of each observation."""
         return tuple(bound.measured for bound in self.of)
@@ -211,8 +217,8 @@ class JointLikelihood:
             Log-likelihood, and whether it is finite.
         """
         total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
-        for bound, own in zip(self.of, data, strict=True):
-            more, good = bound.traced(theta, own)
+        for numbers in self.of_one_run:
+            more, good = log_likelihood_of([self.of[k] for k in numbers], theta, [data[k] for k in numbers])
             total, finite = total + more, finite & good
         return total, finite & jnp.isfinite(total)
 
@@ -245,10 +251,15 @@ class JointLikelihood:
         if rows.size == 0:
             return likelihood, failed
         total = np.zeros(rows.size)
-        for index, bound in enumerate(self.of):
-            own = None if values is None else values[index][:, :, rows]
-            more, bad = bound.on_host(theta[rows], self._map, own)
-            total, failed[rows] = total + more, failed[rows] | bad
+        for numbers in self.of_one_run:
+            first = self.of[numbers[0]]
+            run = first.model.simulate(
+                np.asarray(first.parameters(theta[rows])), first.observation.record, map=self._map
+            )
+            for index in numbers:
+                own = None if values is None else values[index][:, :, rows]
+                more, bad = self.of[index].on_host(theta[rows], run, own)
+                total, failed[rows] = total + more, failed[rows] | bad
         likelihood[rows] = total
         return likelihood, failed
 

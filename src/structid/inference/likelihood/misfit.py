@@ -5,17 +5,21 @@ Numbers in brackets, such as [3.22], are equations of the MSc thesis in docs/bib
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cached_property
+from collections.abc import Callable, Sequence
+from functools import cached_property, partial
 from typing import Any
 
+import jax
 import numpy as np
 
 from structid.device import jnp, over_runs
 from structid.inference.likelihood.batches import in_batches
+from structid.inference.likelihood.bound import BoundLikelihood, Measured
 from structid.inference.likelihood.joint import JointLikelihood
+from structid.inference.likelihood.one_response import squares_of
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.slopes import with_slopes
+from structid.mechanics.time_loop import Fold, TimeLoop, with_sensitivities
 from structid.models.traceable import as_traceable
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
@@ -71,31 +75,80 @@ class Misfit:
 
     def _residuals(self, theta: Any, data: Any) -> Any:
         """All weighted residuals of every run, (residual, run)."""
-        full, parts = self._with_rest(theta), []
-        for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
-            response, _ = bound.response(full, measured)
-            residual = bound.residual(full)(response, measured.values) * np.sqrt(weights)[:, None]
-            parts.append(residual.reshape(-1, theta.shape[0]))
+        full, likelihood, parts = self._with_rest(theta), self._likelihood, []
+        for numbers in likelihood.of_one_run:
+            response, _ = likelihood.of[numbers[0]].response(full, data[numbers[0]])
+            for k in numbers:
+                residual = (
+                    likelihood.of[k].residual(full)(response, data[k].values) * np.sqrt(self._weights[k])[:, None]
+                )
+                parts.append(residual.reshape(-1, theta.shape[0]))
         return jnp.concatenate(parts)
 
     def _value(self, theta: Any, data: Any) -> Any:
         """J(θ) inside JAX, shape (run,); +inf where the response is not finite."""
         full = self._with_rest(theta)
         total = jnp.zeros(theta.shape[0])
-        for bound, measured, weights in zip(self._likelihood.of, data, self._weights, strict=True):
-            squares, finite = bound.squares(full, measured)
-            total = total + jnp.where(finite, (weights[:, None] * squares).sum(axis=0), jnp.inf)
+        for numbers in self._likelihood.of_one_run:
+            bounds = [self._likelihood.of[k] for k in numbers]
+            squares, finite = squares_of(bounds, full, [data[k] for k in numbers])
+            for k, own in zip(numbers, squares, strict=True):
+                total = total + jnp.where(finite, (self._weights[k][:, None] * own).sum(axis=0), jnp.inf)
         return total
+
+    def _linearised(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
+        """J (run,), ∇J (run, parameter) and 2 JᵀJ (run, parameter, parameter) inside JAX, of whole histories."""
+        residual, jacobian = with_slopes(lambda t: self._residuals(t, data), theta)
+        gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
+        return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
+
+    def _linearised_on_the_way(self, theta: Any, data: Any) -> tuple[Any, Any, Any]:
+        """The same of loops over time with their sensitivities: sums along the record, and no history is kept."""
+        found = []
+        for numbers in self._likelihood.of_one_run:
+            first = numbers[0]
+            loop = with_sensitivities(partial(self._loop, self._likelihood.of[first], data[first]), theta.T)
+            values = tuple(data[k].values for k in numbers)
+            found.append(loop.folded(_normal_equations(theta), values, self._sample(numbers, theta))[0])
+        value, gradient, *rows = (sum(parts) for parts in zip(*found, strict=True))
+        names = range(len(rows))
+        whole = [jnp.stack([rows[max(i, j)][min(i, j)] for j in names], axis=-1) for i in names]
+        return value, 2.0 * gradient.T, 2.0 * jnp.stack(whole, axis=1)
+
+    def _sample(self, numbers: Sequence[int], theta: Any) -> Callable[[Any, Any], tuple[Any, Any]]:
+        """Weighted residuals of some observations at one sample, (channel, run), and their slopes, (parameter, channel, run)."""
+        full = self._with_rest(theta)
+        residuals = [self._likelihood.of[k].residual(full) for k in numbers]
+        roots = [np.sqrt(self._weights[k])[:, None] for k in numbers]
+
+        def sample(seen: tuple[Any, Any], beside: Sequence[Any]) -> tuple[Any, Any]:
+            def weighted(response: Any) -> Any:
+                each = zip(roots, residuals, beside, strict=True)
+                return jnp.concatenate([root * residual(response, y) for root, residual, y in each])
+
+            residual, slope_along = jax.linearize(weighted, seen[0])
+            return residual, jax.vmap(slope_along)(seen[1])
+
+        return sample
+
+    def _loop(self, bound: BoundLikelihood, measured: Measured, theta: Any) -> TimeLoop:
+        """The loop over time of parameters (parameter, run)."""
+        loop = bound.loop(bound.parameters(self._with_rest(theta.T)), measured)
+        assert loop is not None  # `_compiled` has looked
+        return loop
 
     @cached_property
     def _compiled(self) -> dict[str, Callable[..., Any]]:
-        def linearised(theta: Any, data: Any) -> tuple[Any, Any, Any]:
-            residual, jacobian = with_slopes(lambda t: self._residuals(t, data), theta)
-            gradient = 2.0 * jnp.einsum("tb,ptb->bp", residual, jacobian)
-            return (residual**2).sum(axis=0), gradient, 2.0 * jnp.einsum("ptb,qtb->bpq", jacobian, jacobian)
-
+        likelihood, some = self._likelihood, self.space.sample(1, seed=0).values
+        looping = all(
+            bound.follows_a_loop(bound.parameters(self._with_rest(some)), measured)
+            for bound, measured in zip(likelihood.of, likelihood.measured, strict=True)
+        )
         value = InLanes(lambda theta, data: (self._value(theta, data),))
-        return {"value": value, "linearised": over_runs(linearised)}
+        return {
+            "value": value,
+            "linearised": InLanes(self._linearised_on_the_way) if looping else over_runs(self._linearised),
+        }
 
     def __call__(self, theta: np.ndarray) -> np.ndarray:
         """Misfit.
@@ -147,3 +200,20 @@ class Misfit:
         compiled = self._compiled["linearised"]
         value, gradient, hessian = in_batches(compiled, theta, self._likelihood.measured, GRADIENT_BATCH)
         return value, gradient, hessian
+
+
+def _normal_equations(theta: Any) -> Fold:
+    """Sums of r² (run,), of r ∂r (parameter, run), and of each row of ∂r ∂rᵀ up to its diagonal, over samples.
+
+    A sample is residuals r (channel, run) and their slopes (parameter, channel, run).
+    """
+    runs, parameters = theta.shape
+
+    def step(sums: Any, sample: Any) -> Any:
+        value, gradient, *rows = sums
+        residual, slopes = sample
+        products = [row + (slopes[i] * slopes[: i + 1]).sum(axis=1) for i, row in enumerate(rows)]
+        return value + (residual**2).sum(axis=0), gradient + (residual * slopes).sum(axis=1), *products
+
+    rows = [jnp.zeros((i + 1, runs)) for i in range(parameters)]
+    return Fold((jnp.zeros(runs), jnp.zeros((parameters, runs)), *rows), step, lambda sums: sums)

@@ -1,0 +1,121 @@
+"""Several observations of one run, such as a file from each sensor: the response is computed once for all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from jax import lax
+
+from structid.inference.likelihood.bound import BoundLikelihood, Measured
+from structid.mechanics.time_loop import once_along_each, side_by_side
+
+
+def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
+    """Find the observations that share a response: of one record, one model and the same parameters of it.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of every observation.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Numbers of those that share one, in the order of the first of them.
+    """
+    found: dict[Any, list[int]] = {}
+    for number, bound in enumerate(bounds):
+        found.setdefault((id(bound.model), bound.observation.record.content_hash, bound.free), []).append(number)
+    return tuple(map(tuple, found.values()))
+
+
+def squares_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[list[Any], Any]:
+    """Sums of squared residuals of observations that share a response, inside JAX.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of these observations.
+    theta : jax.Array, shape (run, parameter)
+        All parameters.
+    data : sequence of Measured
+        Of each.
+
+    Returns
+    -------
+    tuple
+        Σ (y − M)² (channel, run) of each, and whether the response is finite (run,).
+    """
+    if not _in_one_loop(bounds, theta, data):
+        each = [bound.squares(theta, own) for bound, own in zip(bounds, data, strict=True)]
+        finite = each[0][1]
+        for _, good in each[1:]:
+            finite = finite & good
+        return [squares for squares, _ in each], finite
+    folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
+    plain = not any(bound.observation.nuisances() for bound in bounds)
+    found, finite = _folded(bounds, theta, data, folds, plain)
+    return list(found), finite
+
+
+def log_likelihood_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+    """Log-likelihood of observations that share a response, inside JAX.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of these observations.
+    theta : jax.Array, shape (run, parameter)
+        All parameters.
+    data : sequence of Measured
+        Of each.
+
+    Returns
+    -------
+    tuple of jax.Array, shape (run,)
+        Its sum over them, and whether the response is finite.
+    """
+    folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
+    if _in_one_loop(bounds, theta, data) and all(fold is not None for fold in folds):
+        plain = all(bound.needs_only_squares for bound in bounds)
+        sums, finite = _folded(bounds, theta, data, folds, plain)
+        return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, sums, strict=True)), finite
+    total, finite = bounds[0].traced(theta, data[0])
+    for bound, own in zip(bounds[1:], data[1:], strict=True):
+        more, good = bound.traced(theta, own)
+        total, finite = total + more, finite & good
+    return total, finite
+
+
+def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
+    """Whether there are several, and one loop over time gives what each of them needs."""
+    if len(bounds) == 1 or any(own.shortcut is not None for own in data):
+        return False
+    parameters = bounds[0].parameters(theta)
+    return all(bound.follows_a_loop(parameters, own) for bound, own in zip(bounds, data, strict=True))
+
+
+def _folded(
+    bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
+) -> tuple[Any, Any]:
+    """Values of all folds, and whether the response is finite, of one loop over time.
+
+    Plain are residuals and folds that depend on the model's parameters through the response alone.
+    """
+    first, values = bounds[0], tuple(own.values for own in data)
+    at = lax.stop_gradient(theta) if plain else theta
+    residuals = [bound.residual(at) for bound in bounds]
+
+    def make(seen: Any, beside: Any) -> tuple[Any, ...]:
+        return tuple(residual(seen, own) for residual, own in zip(residuals, beside, strict=True))
+
+    def folded(parameters: Any) -> Any:
+        loop = first.loop(parameters, data[0])
+        assert loop is not None  # `_in_one_loop` has looked
+        return loop.folded(side_by_side(folds), values, make)
+
+    found: tuple[Any, Any] = (
+        once_along_each(folded, first.parameters(theta)) if plain else folded(first.parameters(theta))
+    )
+    return found
