@@ -202,7 +202,7 @@ def row(case: str, drawn: Drawn, seeds: int) -> list[str]:
 def main() -> None:
     quick = common.is_quick(__doc__.splitlines()[0])
     found = []
-    for case, drawn in cases().items():
+    for case, drawn in list(cases().items())[:: 4 if quick else 1]:
         if quick and drawn.dimension > 4:
             continue
         found.append(row(case, drawn, 1 if quick else SEEDS))

@@ -92,11 +92,35 @@ def test_a_solver_of_ones_own_runs_once_a_point():
     assert len(calls) == 4
 
 
-def test_other_records_and_other_hidden_parameters_share_nothing():
+def test_another_record_is_another_run():
     second = si.Observation(OTHER, CLEAN[:, 0], CHANNELS[0])
     of = si.Posterior(SPACE, FRAME, [noisy(0, 1), second, noisy(1, 2)])
     assert of_one_run(of.likelihood.of) == ((0, 2), (1,))
-    oscillator = BoucWen(mass=12e3, damping_ratio=0.03, beta=60.0, gamma_ratio=0.4, free=SPACE.names)
+
+
+def test_parameters_that_drift_in_one_test_do_so_for_all_of_its_sensors():
+    oscillator = BoucWen(
+        mass=12e3,
+        damping_ratio=0.03,
+        beta=60.0,
+        gamma_ratio=0.4,
+        free=SPACE.names,
+        channels=("velocity", "displacement"),
+    )
     y = oscillator.simulate(POINTS[:1], RECORD).values[0]
-    drifting = si.Posterior(SPACE, oscillator, [si.Observation(RECORD, f * y) for f in (1.0, 0.9)], si.Drifting(1.0))
-    assert drifting.likelihood.of_one_run == ((0,), (1,))
+    first, other = (si.Observation(RECORD, y[:, k], channel) for k, channel in enumerate(oscillator.channels))
+    again = si.Observation(RECORD, 0.9 * y[:, 0], "velocity")
+    drifting = si.Posterior(SPACE, oscillator, [first, other], si.Drifting(1.0))
+    assert drifting.likelihood.of_one_run == ((0, 1),)
+    alone, second = (si.Posterior(SPACE, oscillator, each, si.Drifting(1.0)) for each in (first, other))
+    assert set(drifting.names) - set(alone.names) == {f"{n}_1" for n in alone.hidden} | {"sigma2_1", "sigma2_2"}
+    theta = alone.space.sample(3, seed=1).values
+    plain = [name if name in alone.names else name.rpartition("_")[0] for name in drifting.names]
+    both = theta[:, [alone.names.index(name) for name in plain]]
+    expected = alone.log_likelihood(theta) + second.log_likelihood(theta)
+    np.testing.assert_allclose(drifting.log_likelihood(both), expected, rtol=1e-11)
+    repeated = si.Posterior(SPACE, oscillator, [first, again], si.Drifting(1.0))
+    assert len(repeated.hidden) == 2 * len(alone.hidden)  # the same sensor once more is another test
+    phi = drifting.initial(3, np.random.default_rng(1))
+    points, _ = drifting.bijection(phi)
+    np.testing.assert_allclose(drifting.bijection.inverse(points), phi, rtol=1e-9, atol=1e-9)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ from structid.errors import InputError
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.bound import BoundLikelihood, Measured, own_priors
 from structid.inference.likelihood.discrepancy import ErrorLaw
-from structid.inference.likelihood.one_response import log_likelihood_of, of_one_run
+from structid.inference.likelihood.one_response import log_likelihood_of, of_one_run, of_one_test
 from structid.models.face import Map, Model, Progress
 from structid.models.traceable import as_traceable
 from structid.observation import Observation
@@ -25,7 +25,8 @@ class JointLikelihood:
     """log L(y | θ) = Σ log L(y_i | θ) over observations that share a model's parameters.
 
     θ are the model's parameters, then nuisances and discrepancy parameters of each observation. Where there are several
-    observations, these are numbered ``_1``, ``_2``, ….
+    observations, these are numbered ``_1``, ``_2``, …. Errors inside the model belong to a test: observations of other
+    channels on the same record share them, with the number of the first of them.
 
     Parameters
     ----------
@@ -62,26 +63,27 @@ class JointLikelihood:
     ) -> None:
         self.model, self._map = model, map
         self.law = law.among(model_space, observations[0].record.duration)
-        self._several = len(observations) > 1
         own = [own_priors(observation, self.law) for observation in observations]
+        self._names = _names_in_theta(observations, self.law, own)
         self.space = model_space.extended(
             **self.law.shared_parameters,
-            **{self._label(name, index): prior for index, priors in enumerate(own) for name, prior in priors.items()},
+            **{
+                names[name]: prior
+                for names, priors in zip(self._names, own, strict=True)
+                for name, prior in priors.items()
+            },
         )
+        self._tests = of_one_test(observations)
+        responding: dict[int, Model] = {}
+        for numbers in self._tests:
+            of_test = self.law.responding(model, observations[numbers[0]].record.duration)
+            responding |= dict.fromkeys(numbers, of_test)
         self.of = tuple(
             BoundLikelihood(
-                self.law.responding(model, observation.record.duration),
-                observation,
-                self.law.added,
-                self.space,
-                {name: self._label(name, index) for name in own[index]},
-                model_error,
+                responding[number], observation, self.law.added, self.space, self._names[number], model_error
             )
-            for index, observation in enumerate(observations)
+            for number, observation in enumerate(observations)
         )
-
-    def _label(self, name: str, index: int) -> str:
-        return f"{name}_{index + 1}" if self._several else name
 
     @cached_property
     def bijection(self) -> Bijection:
@@ -91,12 +93,12 @@ class JointLikelihood:
             Scatter(
                 place(mean),
                 place(sd),
-                tuple(place(self._label(name, index)) for name in members),
+                tuple(place(self._names[numbers[0]][name]) for name in members),
                 marginals[mean].moments[0],
                 float(marginals[sd].quantile(np.array(0.5))),
             )
-            for index, bound in enumerate(self.of)
-            for (mean, sd), members in self.law.scatters(bound.observation.record.duration).items()
+            for numbers in self._tests
+            for (mean, sd), members in self.law.scatters(self.of[numbers[0]].observation.record.duration).items()
         ]
         return Bijection(plain.bounds, plain.scales, scatters, plain.logarithmic) if scatters else plain
 
@@ -104,9 +106,9 @@ class JointLikelihood:
     def discrepancy_names(self) -> set[str]:
         """Parameters of the discrepancy, for all observations."""
         return set(self.law.shared_parameters) | {
-            self._label(name, index)
-            for index, bound in enumerate(self.of)
-            for name in own_priors(bound.observation, self.law)
+            label
+            for bound, names in zip(self.of, self._names, strict=True)
+            for name, label in names.items()
             if name not in bound.observation.nuisances()
         }
 
@@ -114,8 +116,8 @@ class JointLikelihood:
     def hidden_names(self) -> frozenset[str]:
         """Parameters of no interest by themselves, of all observations; see `ErrorLaw.hidden_parameters`."""
         return frozenset(
-            self._label(name, index)
-            for index, bound in enumerate(self.of)
+            names[name]
+            for bound, names in zip(self.of, self._names, strict=True)
             for name in self.law.hidden_parameters(bound.observation.record.duration)
         )
 
@@ -285,3 +287,17 @@ class JointLikelihood:
             np.asarray(bound.parameters(theta)), bound.observation.record, progress=progress, map=self._map
         )
         return np.asarray(bound.shown(run.values.transpose(1, 2, 0), theta)).transpose(2, 0, 1)
+
+
+def _names_in_theta(
+    observations: Sequence[Observation], law: ErrorLaw, own: Sequence[Iterable[str]]
+) -> list[dict[str, str]]:
+    """Names in θ of each observation's own parameters, by plain name."""
+    if len(observations) == 1:
+        return [{name: name for name in own[0]}]
+    first = {number: numbers[0] for numbers in of_one_test(observations) for number in numbers}
+    found = []
+    for number, (observation, names) in enumerate(zip(observations, own, strict=True)):
+        hidden = law.hidden_parameters(observation.record.duration)
+        found.append({name: f"{name}_{(first[number] if name in hidden else number) + 1}" for name in names})
+    return found

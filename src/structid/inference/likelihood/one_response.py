@@ -9,6 +9,33 @@ from jax import lax
 
 from structid.inference.likelihood.bound import BoundLikelihood, Measured
 from structid.mechanics.time_loop import once_along_each, side_by_side
+from structid.observation import Observation
+
+
+def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], ...]:
+    """Find the observations of one test: other channels on the same record. The same channel once more is another test.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        All of them.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Numbers of those of one test, in the order of the first of them.
+    """
+    tests: list[tuple[str, set[str], list[int]]] = []
+    for number, observation in enumerate(observations):
+        record, channels = observation.record.content_hash, set(observation.channels)
+        for of_test, seen, numbers in tests:
+            if of_test == record and not seen & channels:
+                seen |= channels
+                numbers.append(number)
+                break
+        else:
+            tests.append((record, channels, [number]))
+    return tuple(tuple(numbers) for _, _, numbers in tests)
 
 
 def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
