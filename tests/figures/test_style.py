@@ -2,14 +2,14 @@
 
 import sys
 import types
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import matplotlib
 import numpy as np
 import pytest
 import scipy.stats
 
-from structid.figures import response
+from structid.figures import loops, response
 from structid.figures.style import canvas, density, finish, in_powers_of_ten, shown, styled
 
 
@@ -89,3 +89,29 @@ def test_labels_of_panels_below_each_other_do_not_overlap(name):
         figure.canvas.draw()
         boxes = [axis.yaxis.label.get_window_extent(renderer) for axis in figure.axes]
         assert len(boxes) == 3 and not any(a.overlaps(b) for a, b in pairwise(boxes))
+
+
+def figures_with_a_legend_of_their_own():
+    time = np.linspace(0.0, 10.0, 400)
+    wave = 5.0 * np.sin(3.0 * time) * (1.0 + 0.05 * time)
+    loop, other = (wave, 10.0 * np.cos(3.0 * time)), (0.9 * wave, 9.0 * np.cos(3.0 * time))
+    title = "Storey 2 under a record with a rather long name, 3 m/s²"
+    yield loops.loops(time, loop, other, title)
+    yield loops.loops(time, None, other, title)
+    yield loops.identified(
+        time, wave, {"pattern_search": wave}, loop, {"pattern_search": other}, "velocity", "m/s", title
+    )
+    edges = wave - 1.0, wave + 1.0
+    yield response.bands(time, wave, wave, edges, edges, "absolute acceleration 2", "m/s^2", title=title)
+
+
+def test_titles_legends_and_panels_do_not_overlap():
+    for figure in figures_with_a_legend_of_their_own():
+        renderer = figure.canvas.get_renderer()
+        figure.canvas.draw()
+        parts = [figure._suptitle, *figure.legends, *figure.axes, *(axis.title for axis in figure.axes)]
+        parts += [getattr(axis, "_left_title", axis.title) for axis in figure.axes]
+        boxes = [part.get_window_extent(renderer) for part in parts]
+        boxes = [box for box in boxes if box.width > 1.0]
+        assert len(figure.legends) == 1
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2)), figure._suptitle.get_text()

@@ -74,7 +74,7 @@ def loops(
         axis.set_xlabel("displacement [mm]")
     axes[0, 0].set_ylabel("restoring force [kN]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncol=2 if measured is None else len(labels) or 1)
+    figure.legend(handles, labels, loc="outside lower center", ncol=2 if measured is None else len(labels) or 1)
     return finish(figure, title, save)
 
 
@@ -152,7 +152,7 @@ def identified(
     name_axes(loop_panel, ("displacement", "mm"), ("restoring force", "kN"))
     name_axes(history, ("time", "s"), (pretty(name), pretty_unit(unit)))
     handles = [*loop_panel.get_legend_handles_labels()[0], *history.get_legend_handles_labels()[0]]
-    figure.legend(handles=handles, loc="outside upper center", ncol=len(handles))
+    figure.legend(handles=handles, loc="outside lower center", ncol=len(handles))
     return finish(figure, title, save)
 
 

@@ -220,7 +220,7 @@ def bands(
         axis.set_xlim(*span)
         name_axes(axis, ("time", "s"), (pretty(name), pretty_unit(unit)))
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncol=4)
+    figure.legend(handles, labels, loc="outside lower center", ncol=4)
     axes[1, 0].set_title("around the peak", loc="left")
     axes[2, 0].set_title("residual: less the prediction at the MAP estimate", loc="left")
     return finish(figure, title, save)
@@ -327,7 +327,7 @@ def side_by_side(
         close.set_title(one, loc="left")
         left.set_title("less the middle of its band", loc="left")
     handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncol=3)
+    figure.legend(handles, labels, loc="outside lower center", ncol=3)
     return finish(figure, save=save)
 
 
