@@ -5,6 +5,8 @@ BIN := $(VENV)/bin
 READY := $(VENV)/ready
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
 SIDE_BY_SIDE := -n 2 --dist loadfile
+# Of the slow tests one file takes a quarter of the time: a worker that has done its own takes over some of the other's.
+TAKEN_OVER := -n 2 --dist worksteal
 # Two workers on two cores: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
 # Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast.
@@ -23,8 +25,8 @@ test: $(READY)
 	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
-	@echo "Statistics, kills, examples and quick runs of every benchmark, two files at a time:"
-	$(ONE_THREAD) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m slow
+	@echo "Statistics, kills, examples and quick runs of every benchmark, two tests at a time:"
+	$(ONE_THREAD) $(BIN)/pytest $(TAKEN_OVER) -q -m slow
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.
 docs: $(VENV)/ready-docs

@@ -155,7 +155,10 @@ def write_section(page: Path, name: str, text: str) -> None:
         new = before + section + rest.split(end, 1)[1]
     else:
         new = old.rstrip() + "\n\n" + section + "\n"
-    page.write_text(new, encoding="utf-8")
+    # At once: a quick run of another benchmark may be reading it.
+    written = page.with_suffix(f".{os.getpid()}")
+    written.write_text(new, encoding="utf-8")
+    written.replace(page)
 
 
 # --- the study --------------------------------------------------------------------------------------------------
