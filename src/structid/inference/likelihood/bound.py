@@ -118,7 +118,7 @@ class BoundLikelihood:
         self.model, self.observation, self.discrepancy = model, observation, discrepancy
         self._space, self._model_error = space, model_error
         self._columns = {plain: space.names.index(name) for plain, name in own.items()}
-        # The model's own parameters have their names; what is inside it for this observation alone has one of its own in θ.
+        # The model's own parameters have their names; what is inside it for this test alone has one of its own in θ.
         self.free = tuple(name if name in space.all_names else own[name] for name in model.free)
         self.channels, self.dt = observation.channels, observation.record.dt
         self._places = np.array([model.channels.index(c) for c in observation.channels])
