@@ -66,6 +66,14 @@ def test_what_an_unknown_clock_costs_is_said(tmp_path):
     assert "time_shift" not in str(estimate(written(tmp_path, SMALL)))
 
 
+def test_a_campaign_without_a_measurement_costs_its_runs(tmp_path):
+    """Nothing is sampled, and no law of errors is chosen."""
+    study = written(tmp_path, AUTO[: AUTO.index("[observation]")] + '[campaign]\nruns = 30\nmethod = "sobol"\n')
+    assert study.posterior is None
+    cost = estimate(study)
+    assert [part.what for part in cost.parts] == ["Campaign"] and cost.parts[0].runs == 30
+
+
 def test_parts_are_said_in_words():
     cost = Cost((Part("Campaign", 2.5, 1000, 50), Part("Predictions, figures and page", 200.0)), 50)
     assert str(cost).splitlines() == [

@@ -291,7 +291,8 @@ def _sum(parts: Iterable[Part]) -> float:
 
 def _under_usual_laws(study: BuiltStudy) -> list[Posterior]:
     """The posterior under each law that the data may choose, where the choice is theirs and the model itself is sampled."""
-    if not study.law_is_open or study.has_surrogate or study.sampled.costs_runs:
+    posterior = study.posterior
+    if posterior is None or not study.law_is_open or study.has_surrogate or posterior.costs_runs:
         return []
     return [study.sampled.on(law=law) for law in usual_laws(study.model)]
 
