@@ -102,6 +102,8 @@ def filtered_noise(
     return normalised
 
 
+# A study reads its record several times.
+@functools.lru_cache(maxsize=32)
 def stochastic_acceleration(
     seed: int,
     samples: int,
@@ -133,7 +135,7 @@ def stochastic_acceleration(
     Returns
     -------
     ndarray, shape (time,)
-        Ground acceleration [m/s²].
+        Ground acceleration [m/s²], read-only.
     """
     if seed < 0 or samples < 2 or not min(dt, arias, duration, middle, frequency) > 0 or not 0 < damping_ratio < 1:
         raise InputError(
@@ -142,22 +144,6 @@ def stochastic_acceleration(
             f"frequency {frequency:g}, bandwidth {damping_ratio:g}",
             "a seed of 0 or more, positive numbers, and a bandwidth between 0 and 1",
         )
-    return _realisation(seed, samples, dt, arias, duration, middle, frequency, frequency_slope, damping_ratio).copy()
-
-
-@functools.lru_cache(maxsize=32)
-def _realisation(
-    seed: int,
-    samples: int,
-    dt: float,
-    arias: float,
-    duration: float,
-    middle: float,
-    frequency: float,
-    frequency_slope: float,
-    damping_ratio: float,
-) -> np.ndarray:
-    """See `stochastic_acceleration`. A study reads its record several times."""
     rng = stream(seed, Purpose.RECORD)
     time = np.arange(samples) * dt
     filter_frequency = np.maximum(frequency + frequency_slope * (time - middle), 0.3)
@@ -168,4 +154,5 @@ def _realisation(
     corner = 2.0 * np.pi * CORNER_FREQUENCY
     numerator, denominator = scipy.signal.bilinear([1.0, 0.0, 0.0], [1.0, 2.0 * corner, corner**2], fs=1.0 / dt)
     acceleration: np.ndarray = scipy.signal.lfilter(numerator, denominator, motion)
+    acceleration.setflags(write=False)
     return acceleration

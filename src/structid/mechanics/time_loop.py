@@ -177,32 +177,31 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> T
     TimeLoop
         What is seen is a pair: what the loop sees, (channel, run), and its derivatives, (parameter, channel, run).
     """
-    directions = jnp.eye(parameters.shape[0])
-    row = jax.tree.map(lambda x: x[0], loop_of(parameters).rows)
+    loop, directions = loop_of(parameters), jnp.eye(parameters.shape[0])
+    row = jax.tree.map(lambda x: x[0], loop.rows)
+    converted, _ = jax.closure_convert(loop.step, loop.start, row)
 
-    def known(p: Any) -> tuple[Any, ...]:
-        """What a step knows of the parameters, such as frequencies of a matrix: worked out and differentiated before the loop."""
+    def constants(p: Any) -> tuple[Any, ...]:
+        """What a step takes of the parameters, such as frequencies of a matrix: worked out and differentiated before the loop."""
         loop = loop_of(p)
         return tuple(jax.closure_convert(loop.step, loop.start, row)[1])
 
-    def along_all(function: Callable[..., Any], *more: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Value of a function of the parameters and more, and its derivatives along each of them; `more` has those of its own."""
-        points, slopes = [x for x, _ in more], [x for _, x in more]
+    def along_all(function: Callable[..., Any], *points_and_slopes: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Value of a function, and its derivatives along each parameter, from what it takes and the slopes of that."""
+        points, slopes = zip(*points_and_slopes, strict=True)
 
         def along(*slope: Any) -> tuple[Any, Any]:
-            value: tuple[Any, Any] = jax.jvp(function, tuple(points), slope)
+            value: tuple[Any, Any] = jax.jvp(function, points, slope)
             return value
 
         found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(*slopes)
         return found
 
     each = parameters, jnp.broadcast_to(directions[:, :, None], (*directions.shape, parameters.shape[1]))
-    start, beforehand = along_all(lambda p: loop_of(p).start, each), along_all(known, each)
-    loop = loop_of(parameters)
-    converted, _ = jax.closure_convert(loop.step, loop.start, row)
+    start, beforehand = along_all(lambda p: loop_of(p).start, each), along_all(constants, each)
 
     def step(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], tuple[Any, Any]]:
-        after, slopes = along_all(lambda state, known: converted(state, row, *known), carried, beforehand)
+        after, slopes = along_all(lambda state, taken: converted(state, row, *taken), carried, beforehand)
         return (after[0], slopes[0]), (after[1], slopes[1])
 
     return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)

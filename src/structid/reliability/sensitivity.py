@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from structid.arguments import check_arguments
 from structid.errors import InputError

@@ -408,22 +408,10 @@ class BoundLikelihood:
             return (residual(response, measured.values) ** 2).sum(axis=0), finite
         return loop.folded(self.sum_of_squares(parameters.shape[0]), measured.values, residual)
 
-    def follows_a_loop(self, parameters: Any, measured: Measured) -> bool:
-        """Whether a loop over time is the shortest way to the likelihood.
-
-        Parameters
-        ----------
-        parameters : jax.Array, shape (run, free parameter)
-            Of the model.
-        measured : Measured
-            With the record.
-
-        Returns
-        -------
-        bool
-            False where the response is wanted whole, or is no loop.
-        """
-        return not self._model_error and self.loop(parameters, measured) is not None
+    @property
+    def takes_samples(self) -> bool:
+        """Whether it can take the response sample by sample: it is neither shifted in time, nor has it an error of its own."""
+        return not self._model_error and self.observation.time_shift is None
 
     def loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
         """The loop over time that gives the response sample by sample.

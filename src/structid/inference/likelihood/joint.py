@@ -64,7 +64,8 @@ class JointLikelihood:
         self.model, self._map = model, map
         self.law = law.among(model_space, observations[0].record.duration)
         own = [own_priors(observation, self.law) for observation in observations]
-        self._names = _names_in_theta(observations, self.law, own)
+        self._tests = of_one_test(observations)
+        self._names = _names_in_theta(observations, self._tests, self.law, own)
         self.space = model_space.extended(
             **self.law.shared_parameters,
             **{
@@ -73,7 +74,6 @@ class JointLikelihood:
                 for name, prior in priors.items()
             },
         )
-        self._tests = of_one_test(observations)
         responding: dict[int, Model] = {}
         for numbers in self._tests:
             of_test = self.law.responding(model, observations[numbers[0]].record.duration)
@@ -290,12 +290,12 @@ class JointLikelihood:
 
 
 def _names_in_theta(
-    observations: Sequence[Observation], law: ErrorLaw, own: Sequence[Iterable[str]]
+    observations: Sequence[Observation], tests: Sequence[Sequence[int]], law: ErrorLaw, own: Sequence[Iterable[str]]
 ) -> list[dict[str, str]]:
     """Names in θ of each observation's own parameters, by plain name."""
     if len(observations) == 1:
         return [{name: name for name in own[0]}]
-    first = {number: numbers[0] for numbers in of_one_test(observations) for number in numbers}
+    first = {number: numbers[0] for numbers in tests for number in numbers}
     found = []
     for number, (observation, names) in enumerate(zip(observations, own, strict=True)):
         hidden = law.hidden_parameters(observation.record.duration)

@@ -141,7 +141,7 @@ class Misfit:
     def _compiled(self) -> dict[str, Callable[..., Any]]:
         likelihood, some = self._likelihood, self.space.sample(1, seed=0).values
         looping = all(
-            bound.follows_a_loop(bound.parameters(self._with_rest(some)), measured)
+            bound.takes_samples and bound.loop(bound.parameters(self._with_rest(some)), measured) is not None
             for bound, measured in zip(likelihood.of, likelihood.measured, strict=True)
         )
         value = InLanes(lambda theta, data: (self._value(theta, data),))

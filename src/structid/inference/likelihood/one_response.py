@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Sequence
 from typing import Any
 
@@ -74,16 +76,13 @@ def squares_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Mea
     tuple
         Σ (y − M)² (channel, run) of each, and whether the response is finite (run,).
     """
-    if not _in_one_loop(bounds, theta, data):
-        each = [bound.squares(theta, own) for bound, own in zip(bounds, data, strict=True)]
-        finite = each[0][1]
-        for _, good in each[1:]:
-            finite = finite & good
-        return [squares for squares, _ in each], finite
-    folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
-    plain = not any(bound.observation.nuisances() for bound in bounds)
-    found, finite = _folded(bounds, theta, data, folds, plain)
-    return list(found), finite
+    if _in_one_loop(bounds, theta, data):
+        folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
+        plain = not any(bound.observation.nuisances() for bound in bounds)
+        found, finite = _folded(bounds, theta, data, folds, plain)
+        return list(found), finite
+    each, finite = zip(*(bound.squares(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+    return list(each), functools.reduce(operator.and_, finite)
 
 
 def log_likelihood_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
@@ -103,24 +102,22 @@ def log_likelihood_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Seque
     tuple of jax.Array, shape (run,)
         Its sum over them, and whether the response is finite.
     """
-    folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
-    if _in_one_loop(bounds, theta, data) and all(fold is not None for fold in folds):
-        plain = all(bound.needs_only_squares for bound in bounds)
-        sums, finite = _folded(bounds, theta, data, folds, plain)
-        return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, sums, strict=True)), finite
-    total, finite = bounds[0].traced(theta, data[0])
-    for bound, own in zip(bounds[1:], data[1:], strict=True):
-        more, good = bound.traced(theta, own)
-        total, finite = total + more, finite & good
-    return total, finite
+    if _in_one_loop(bounds, theta, data):
+        folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
+        if all(fold is not None for fold in folds):
+            plain = all(bound.needs_only_squares for bound in bounds)
+            found, finite = _folded(bounds, theta, data, folds, plain)
+            return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, found, strict=True)), finite
+    each, finite = zip(*(bound.traced(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+    return sum(each), functools.reduce(operator.and_, finite)
 
 
 def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
     """Whether there are several, and one loop over time gives what each of them needs."""
     if len(bounds) == 1 or any(own.shortcut is not None for own in data):
         return False
-    parameters = bounds[0].parameters(theta)
-    return all(bound.follows_a_loop(parameters, own) for bound, own in zip(bounds, data, strict=True))
+    looping = bounds[0].loop(bounds[0].parameters(theta), data[0]) is not None
+    return looping and all(bound.takes_samples for bound in bounds)
 
 
 def _folded(

@@ -10,6 +10,7 @@ import numpy as np
 from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
+from structid.errors import Status
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.hybrid.programme import ProgrammeResult
@@ -123,10 +124,10 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
     steps = programme.tests[name].feasibility.steps
     record = _at_steps(planned.record_of(section), planned.file.dt, steps)
     runs = followed_in_pieces(virtual, draws, record)
-    failed = runs.status != 0
-    reason = next((reason for reason in runs.reasons if reason), "")
-    drifts = runs.values[~failed, :, 0]
-    return PredictedTest(name, record.time, drifts, happened.physical.displacement[:, 0], int(failed.sum()), reason)
+    failed, reason = int((~runs.done).sum()), next((reason for reason in runs.reasons if reason), "")
+    return PredictedTest(
+        name, record.time, runs.values[runs.done, :, 0], happened.physical.displacement[:, 0], failed, reason
+    )
 
 
 def followed_in_pieces(virtual: VirtualHybridTest, draws: np.ndarray, record: GroundMotion) -> Histories:
@@ -149,7 +150,7 @@ def followed_in_pieces(virtual: VirtualHybridTest, draws: np.ndarray, record: Gr
         A run for each draw. One that is not followed in `MOST_PIECES` has failed.
     """
     runs = virtual.simulate(draws, record)
-    while np.any(runs.status != 0) and virtual.pieces < MOST_PIECES:
+    while np.any(runs.status == Status.DIVERGED) and virtual.pieces < MOST_PIECES:
         virtual = replace(virtual, pieces=2 * virtual.pieces)
         runs = virtual.simulate(draws, record)
     return runs
