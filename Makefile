@@ -3,11 +3,13 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
+# One worker a core, up to four: each takes two gigabytes.
+WORKERS := -n auto --maxprocesses 4
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
-SIDE_BY_SIDE := -n 2 --dist loadfile
+SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 # Of the slow tests one file takes a quarter of the time: a worker that has done its own takes over some of the other's.
-TAKEN_OVER := -n 2 --dist worksteal
-# Two workers on two cores: threads of the linear algebra would only wait for one another.
+TAKEN_OVER := $(WORKERS) --dist worksteal
+# A worker on every core: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
 # Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast.
 # The slow tests compile as users do.
@@ -21,11 +23,11 @@ demo: $(READY)
 	$(BIN)/structid demo --out demo
 
 test: $(READY)
-	@echo "Tests of behaviour, two files at a time, without those that take minutes (make test-slow) and without style (make lint):"
+	@echo "Tests of behaviour, a file on every core, without those that take minutes (make test-slow) and without style (make lint):"
 	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
-	@echo "Statistics, kills, examples and quick runs of every benchmark, two tests at a time:"
+	@echo "Statistics, kills, examples and quick runs of every benchmark, a test on every core:"
 	$(ONE_THREAD) $(BIN)/pytest $(TAKEN_OVER) -q -m slow
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.

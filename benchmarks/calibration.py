@@ -37,11 +37,13 @@ Problem = tuple[Any, si.ParameterSpace, si.Observation]
 
 def stochastic(pga: float) -> si.GroundMotion:
     """The study's own record."""
-    return si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
+    record = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
+    return common.shorter_if_quick(record, 8.0)
 
 
 def el_centro(pga: float) -> si.GroundMotion:
-    return si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
+    record = si.GroundMotion.read(common.EL_CENTRO).lowpass(20.0).trim(0.0, 40.0).scale_to_pga(pga)
+    return common.shorter_if_quick(record, 8.0)
 
 
 def measured(record: si.GroundMotion) -> si.Observation:

@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import statistics
+import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -41,6 +42,11 @@ def is_quick(description: str) -> bool:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument("--quick", action="store_true", help="few repeats; leaves docs/ alone")
     return bool(parser.parse_args().quick)
+
+
+def shorter_if_quick(record: si.GroundMotion, seconds: float) -> si.GroundMotion:
+    """Return the record; in a quick run, which only shows that all of it works, its first seconds."""
+    return record.trim(0.0, seconds) if "--quick" in sys.argv else record
 
 
 def documents(quick: bool) -> Path:
@@ -172,7 +178,7 @@ NOISE = 0.02
 
 def study_record(duration: float, pga: float) -> si.GroundMotion:
     """Return the synthetic record of the benchmarks, low-passed at 20 Hz and scaled."""
-    return si.GroundMotion.synthetic(seed=7, duration=duration).lowpass(20.0).scale_to_pga(pga)
+    return shorter_if_quick(si.GroundMotion.synthetic(seed=7, duration=duration).lowpass(20.0).scale_to_pga(pga), 8.0)
 
 
 def degrading_oscillator(**settings: Any) -> si.BoucWen:

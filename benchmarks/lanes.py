@@ -137,7 +137,7 @@ def several_times(call: Callable[[], Any], times: int) -> None:
 
 
 def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.ndarray] | None) -> list[list[str]]:
-    """One row for every model: milliseconds of a run, and how far lanes and JAX lie apart."""
+    """One row for every model: milliseconds of a run, and how far lanes and JAX lie apart; a quick row has one batch."""
     record, space = common.study_record(DURATION, PGA), common.study_space()
     theta = space.sample(batch, seed=1).values
     rows = []
@@ -160,9 +160,9 @@ def timed(batch: int, substeps: int, repeats: int, by_hand: Callable[..., np.nda
             difference = max(difference, apart)
             calls["by hand"] = lambda: by_hand(record, substeps, theta)
         # A call of a small batch takes less than a millisecond: several are timed together.
-        together = BATCHES[-1] // batch
+        together = BATCHES[-1] // batch if repeats > 1 else 1
         several = {who: partial(several_times, call, together) for who, call in calls.items()}
-        each = {who: 1e3 * t.median / BATCHES[-1] for who, t in common.interleaved(several, repeats).items()}
+        each = {who: 1e3 * t.median / (batch * together) for who, t in common.interleaved(several, repeats).items()}
         rows.append([name, each, difference])
     return rows
 

@@ -103,7 +103,7 @@ def share(certified: list[bool]) -> str:
 def rows(quick: bool) -> list[list[str]]:
     found = []
     alone, beside = (20, 1) if quick else (ALONE, TAUGHT)
-    for case, (limit, log_ratio) in CASES.items():
+    for case, (limit, log_ratio) in list(CASES.items())[:: 4 if quick else 1]:
         began = time.perf_counter()
         of_draws = [share([by_draws_alone(log_ratio, d, seed) for seed in range(alone)]) for d in DIMENSIONS]
         of_both = [share([taught(log_ratio, d, seed) for seed in range(beside)]) for d in DIMENSIONS]

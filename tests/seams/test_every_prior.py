@@ -3,6 +3,7 @@
 import dataclasses
 import pickle
 
+import jax
 import numpy as np
 import pytest
 import scipy.stats
@@ -33,7 +34,7 @@ def engine(request, monkeypatch):
 
 
 def thinned(families):
-    """The family that is hardest on both engines; the others, which take minutes together, on the engine that users have."""
+    """The family that is hardest on both engines; the others, which take a minute together, on the engine that users have."""
     both = [pytest.param(engine, "Beta") for engine in ("lanes", "jax")]
     return both + [pytest.param("lanes", family, marks=pytest.mark.slow) for family in families if family != "Beta"]
 
@@ -64,12 +65,26 @@ def test_densities_twice_then_draws(family, engine, monkeypatch):
     np.testing.assert_array_equal(of.log_density(theta), first)
 
 
-@pytest.mark.parametrize(("engine", "family"), thinned(PRIORS), indirect=["engine"])
-def test_derivatives(family, engine, monkeypatch):
-    monkeypatch.setitem(PRIORS, family, fresh(family))
-    of = posterior(family, engine)
-    result = si.sample(of, si.NUTS(chains=2, steps=30, warm_up=50), seed=1)
+def test_derivatives_of_a_posterior(engine, monkeypatch):
+    monkeypatch.setitem(PRIORS, "Beta", fresh("Beta"))
+    result = si.sample(posterior("Beta", engine), si.NUTS(chains=2, steps=30, warm_up=50), seed=1)
     assert abs(result.summary().columns["mean"][0] - 0.055) < 0.01
+
+
+@pytest.mark.slow
+def test_derivatives_of_every_family():
+    """All in one density, so that each is met inside a trace first: gradients, and draws by them."""
+    space = si.ParameterSpace(**{family: fresh(family) for family in PRIORS})
+    box = {name: tuple(map(float, support)) for name, support in zip(space.names, space.bounds, strict=True)}
+    of = si.LogDensity(space.jax_log_density, space.names, space, box, backend="jax")
+    slopes = jax.grad(space.jax_log_density)(jax.numpy.full(len(PRIORS), 0.055))
+    for name, slope in zip(space.names, slopes, strict=True):
+        sides = PRIORS[name].log_density(np.array([0.055 - 1e-6, 0.055 + 1e-6]))
+        assert slope == pytest.approx((sides[1] - sides[0]) / 2e-6, rel=1e-5, abs=1e-6), name
+    found = si.sample(of, si.NUTS(chains=2, steps=50, warm_up=80), seed=1)
+    scales = space.sample(2000, seed=1).values
+    off = (found.mean - scales.mean(axis=0)) / scales.std(axis=0)
+    assert (np.abs(off) < 0.6).all(), off
 
 
 @pytest.mark.parametrize("family", PRIORS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from structid.study.run import load, report_again, run_study
-from studies import PACKAGED, SMALL, shortened
+from studies import PACKAGED, SMALL, shortened, without_pages
 
 OPEN = SMALL.replace('kind = "iid"', 'kind = "auto"')
 HEAD, TAIL = OPEN[: OPEN.index("[sampler]")], OPEN[OPEN.index("[deterministic]") :]
@@ -44,7 +44,9 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
     text = text.replace(
         'kind = "smc"', 'kind = "smc"\nparticles = 100\nsteps = 20\neffective_share = 0.5\ncorrelation = 0.5\n#'
     )
-    outcome = run_study(written(tmp_path, text), tmp_path / "out")
+    with without_pages():
+        outcome = run_study(written(tmp_path, text), tmp_path / "out")
+        again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     choice, calibration = outcome.law_choice, outcome.calibration
     assert choice is calibration.law_choice and choice.laws == ("iid", "ar1", "damped cosine")
     law = choice.posterior.law.describe()["kind"]
@@ -53,7 +55,6 @@ def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
         and calibration.posterior.law.describe()["kind"] == law == outcome.result.target.law.describe()["kind"]
     )
     assert calibration.certificate.names == calibration.posterior.compared_names
-    again = run_study(tmp_path / "study.toml", tmp_path / "out", resume=True)
     np.testing.assert_array_equal(again.result.history, outcome.result.history)
     assert again.law_choice.evidences[0].value == choice.evidences[0].value
 

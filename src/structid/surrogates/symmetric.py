@@ -29,8 +29,8 @@ def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf
         If no diagonal below the largest makes the sum positive definite.
     """
     while diagonal < largest:
-        shifted = matrix.copy()
-        shifted[np.diag_indices_from(shifted)] += diagonal
+        shifted = matrix.copy(order="C")
+        shifted.reshape(-1)[:: len(matrix) + 1] += diagonal
         factor, failed = scipy.linalg.lapack.dpotrf(shifted.T, lower=1, clean=1, overwrite_a=1)
         if not failed:
             return np.asarray(factor), diagonal
@@ -44,7 +44,7 @@ def inverse_of(cholesky: np.ndarray) -> np.ndarray:
     Parameters
     ----------
     cholesky : ndarray, shape (n, n)
-        The lower factor L.
+        The lower factor L, with zeros above its diagonal.
 
     Returns
     -------
@@ -52,4 +52,6 @@ def inverse_of(cholesky: np.ndarray) -> np.ndarray:
         The inverse, with both triangles filled.
     """
     lower, _ = scipy.linalg.lapack.dpotri(cholesky, lower=1)
-    return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
+    whole = lower + lower.T
+    np.fill_diagonal(whole, np.diag(lower))
+    return np.asarray(whole)

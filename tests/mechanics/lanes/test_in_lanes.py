@@ -56,6 +56,22 @@ def test_another_record_is_another_record():
     np.testing.assert_array_equal(ours(ROWS[:3], RECORD)[0], first)
 
 
+def test_another_array_of_the_same_shape_is_not_traced_again():
+    traced = []
+
+    def nearness(theta, points):
+        traced.append(points.shape)
+        return jax.lax.scan(
+            lambda total, point: (total + jnp.exp(-((theta[:, 0] - point[0]) ** 2)), None), 0.0 * theta[:, 0], points
+        )[0]
+
+    ours = InLanes(nearness, one_array=True)
+    for points in (RNG.normal(size=(70, 1)), RNG.normal(size=(70, 1)), RNG.normal(size=(90, 1))):
+        expected = np.exp(-((ROWS[:, :1] - points.T) ** 2)).sum(axis=1)
+        np.testing.assert_allclose(ours(ROWS, points), expected, rtol=1e-12)
+    assert not ours.why_not and traced == [(70, 1), (90, 1)]
+
+
 def test_a_longer_record_needs_no_other_code():
     ours = InLanes(oscillation, (2, 0))
     texts = {ours.compiled(2, (np.sin(0.1 * np.arange(samples)),)).kernel.text for samples in (200, 3000)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import logging
 import math
 from collections.abc import Callable
@@ -49,19 +50,23 @@ class InLanes:
         Where the run axis is in what `function` returns.
     shard : bool
         Whether JAX should share the runs out over the cores.
+    one_array : bool
+        Whether the only constant is an array of floats that a loop goes through: others of its shape need no other code.
     """
 
-    def __init__(self, function: Callable[..., Any], run_axes: Any = 0, shard: bool = True) -> None:
-        self._function, self._run_axes = function, run_axes
+    def __init__(
+        self, function: Callable[..., Any], run_axes: Any = 0, shard: bool = True, one_array: bool = False
+    ) -> None:
+        self._function, self._run_axes, self._one_array = function, run_axes, one_array
         self._by_jax = over_runs(function, run_axes, shard)
         self._shard = shard
-        self._bound: dict[Any, tuple[Any, Any]] = {}
+        self._bound: dict[Any, tuple[list[Any], _Bound]] = {}
         self._by_jax_with_signals: dict[Any, Any] = {}
         self.why_not = why_not()
 
     def __reduce__(self) -> tuple[Any, ...]:
         # A process that is sent a model compiles it for itself, or finds what this one compiled on disk.
-        return InLanes, (self._function, self._run_axes, self._shard)
+        return InLanes, (self._function, self._run_axes, self._shard, self._one_array)
 
     def __call__(self, theta: np.ndarray, *constants: Any, signals: Signals | None = None) -> Any:
         """Call the function.
@@ -132,35 +137,51 @@ class InLanes:
 
     def _kept(self, parameters: int, constants: Any, signals: tuple[int, int] | None) -> _Bound:
         leaves = jax.tree.leaves(constants)
-        key = (parameters, signals, *map(id, leaves))
+        key = (parameters, signals, leaves[0].shape if self._one_array else tuple(map(id, leaves)))
         if key not in self._bound:
             if len(self._bound) >= KEPT:
                 self._bound.pop(next(iter(self._bound)))
             # The leaves are kept, so that no other array gets their identity.
-            self._bound[key] = leaves, _Bound(self._function, self._run_axes, parameters, constants, signals)
-        found: _Bound = self._bound[key][1]
-        return found
+            bound = _Bound(self._function, self._run_axes, parameters, constants, signals, self._one_array)
+            self._bound[key] = leaves, bound
+        leaves, found = self._bound[key]
+        return found.with_array(leaves[0], constants[0]) if self._one_array else found
 
 
 class _Bound:
     """A function with its constants, compiled."""
 
     def __init__(
-        self, function: Callable[..., Any], run_axes: Any, parameters: int, constants: Any, signals: Any
+        self,
+        function: Callable[..., Any],
+        run_axes: Any,
+        parameters: int,
+        constants: Any,
+        signals: Any,
+        one_array: bool,
     ) -> None:
         shapes_of_one = [(1, parameters)] if signals is None else [(1, parameters), (*signals, 1)]
-        one_run = [jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes_of_one]
+        shapes_of_one += [constants[0].shape] if one_array else []  # nothing is computed from the array beforehand
+        others = () if one_array else constants
         with row_by_row():
-            traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *constants), return_shape=True)(*one_run)
+            traced, shapes = jax.make_jaxpr(lambda *own: function(*own, *others), return_shape=True)(
+                *(jax.ShapeDtypeStruct(shape, np.float64) for shape in shapes_of_one)
+            )
         leaves, self._tree = jax.tree.flatten(shapes)
         axes = jax.tree.map(lambda _: run_axes, shapes) if isinstance(run_axes, int) else run_axes
-        flat = Function.inlined(traced)
+        flat = Function.inlined(traced).given(constants[0]) if one_array else Function.inlined(traced)
         foreign = foreign_results(flat)
         self._foreign = by_jax(flat, foreign) if foreign else None
         self._foreign_on_host = in_few_sizes(self._foreign) if self._foreign is not None else None
         self.kernel: Kernel = kernel(flat, lanes(largest_state(flat)), foreign)
         self._compiled = load(self.kernel.text, ENTRY)
         self._outputs = _outputs(self.kernel, leaves, jax.tree.leaves(axes))
+
+    def with_array(self, old: np.ndarray, new: np.ndarray) -> _Bound:
+        """The same function with another array for its constant, old."""
+        found = copy.copy(self)
+        found.kernel = self.kernel.with_array(old, new)
+        return found
 
     def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
         return self._run(theta, None if self._foreign_on_host is None else self._foreign_on_host(theta), signals)

@@ -49,6 +49,8 @@ class Kernel:
         Where each output is: a history, or rows of the results one after the other.
     taken, rows, histories : int
         Rows of the arguments, of the results, and of the buffer of histories.
+    arrays : dict of bytes to int
+        Where each long array begins among the shared numbers.
     """
 
     text: str
@@ -58,6 +60,26 @@ class Kernel:
     taken: int
     rows: int
     histories: int
+    arrays: dict[bytes, int]
+
+    def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
+        """Put another array of the same shape in the place of the only long one.
+
+        Parameters
+        ----------
+        old, new : ndarray
+            The arrays.
+
+        Returns
+        -------
+        Kernel
+            With the same text.
+        """
+        [(held, first)] = self.arrays.items()
+        assert held == old.tobytes(), "the array is in the table as it is"
+        shared = self.shared.copy()
+        shared[first : first + new.size] = new.reshape(-1)
+        return replace(self, shared=shared)
 
 
 def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
@@ -126,7 +148,8 @@ def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kerne
     body = "\n".join([*code.entry, *places, *code.lines])
     text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
     found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
-    return Kernel(text, width, translator.shared.values, found, taken, written, memory.rows)
+    shared = translator.shared
+    return Kernel(text, width, shared.values, found, taken, written, memory.rows, shared.arrays)
 
 
 def _in_memory(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from jax.extend.core import ClosedJaxpr, Literal
@@ -87,6 +87,22 @@ class Function:
         operations: list[Operation] = []
         outvars = _written_out(body, known, constants, operations)
         return cls(body.invars, outvars, list(constants), list(constants.values()), operations)
+
+    def given(self, value: Any) -> Function:
+        """Make what it takes last a constant.
+
+        Parameters
+        ----------
+        value : ndarray
+            The constant.
+
+        Returns
+        -------
+        Function
+            Of what is taken before.
+        """
+        *taken, last = self.invars
+        return replace(self, invars=taken, constvars=[*self.constvars, last], consts=[*self.consts, value])
 
 
 def _written_out(body: Any, known: dict[Any, Any], constants: dict[Any, Any], operations: list[Operation]) -> list[Any]:

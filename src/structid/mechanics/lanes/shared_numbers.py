@@ -31,11 +31,16 @@ class SharedNumbers:
     def values(self) -> np.ndarray:
         """The whole table. Whole numbers stand in it by their bits."""
         table = np.concatenate([np.array(self._numbers or [0.0]), *self._rows.values()])
-        whole, first = table.view(np.int64), len(self._numbers)
+        whole, arrays = table.view(np.int64), self.arrays
         for key, (place, _) in self._whole.items():
-            whole[place] = first if isinstance(key, bytes) else key[0]
-            first += len(self._rows[key]) if isinstance(key, bytes) else 0
+            whole[place] = arrays[key] if isinstance(key, bytes) else key[0]
         return table
+
+    @property
+    def arrays(self) -> dict[bytes, int]:
+        """Where each long array begins in the table."""
+        lengths = [max(len(self._numbers), 1), *map(len, self._rows.values())]
+        return dict(zip(self._rows, np.cumsum(lengths).tolist(), strict=False))
 
     def loaded(self, values: np.ndarray) -> list[Register]:
         """Load an array, number by number, once and before anything else.

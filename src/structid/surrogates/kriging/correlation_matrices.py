@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from typing import Any
 
 import jax
@@ -12,13 +13,19 @@ from jax import lax
 from structid.device import jnp
 from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.lanes.signals import Signals
-from structid.surrogates.kriging.correlations import correlation_of, slopes_of
+from structid.surrogates.kriging.correlations import correlation_at, correlation_of, relative_slope
 
 LARGEST_CALL = 4_000_000
-"""Correlations in one call."""
+"""Correlations in one call of compiled code."""
 
-SMALL_DESIGN = 120
-"""Points up to which NumPy is quicker than a compiled call, which first has to be compiled for each design."""
+CACHED = 15_000
+"""Correlations that NumPy computes at once: their arrays stay in a core's cache."""
+
+SMALL_DESIGN = 300
+"""Points up to which NumPy, which computes each pair once, is quicker than compiled code, which computes it twice."""
+
+DESIGN_STEP = 32
+"""Compiled code takes designs of multiples of this, so that few sizes are compiled."""
 
 
 class CorrelationMatrices:
@@ -57,7 +64,7 @@ class CorrelationMatrices:
         ndarray, shape (point, other)
             Correlations.
         """
-        return np.asarray(self._columns(_rows(others, log_lengths), self._points))
+        return self._by_compiled_code(_rows(others, log_lengths))
 
     def of(self, log_lengths: np.ndarray) -> np.ndarray:
         """Compute the correlations of the design's points with each other.
@@ -73,41 +80,71 @@ class CorrelationMatrices:
             R.
         """
         if len(self._points) <= SMALL_DESIGN:
-            return np.asarray(self.of_several(log_lengths[None])[0])
+            return self._filled(self._of_pairs(log_lengths[None])[0])
         return self.with_points(self._points, log_lengths)
 
-    def of_several(self, log_lengths: np.ndarray) -> np.ndarray:
-        """Compute the correlations of the design's points with each other for several sets of lengths at once.
+    def of_several(self, log_lengths: np.ndarray) -> Iterator[np.ndarray]:
+        """Compute the correlations of the design's points with each other for several sets of lengths.
 
         Parameters
         ----------
         log_lengths : ndarray, shape (set, coordinate)
             Logarithms of the correlation lengths.
 
-        Returns
-        -------
-        ndarray, shape (set, point, point)
-            R of every set.
+        Yields
+        ------
+        ndarray, shape (point, point)
+            R of each set.
         """
-        if len(self._points) <= SMALL_DESIGN:
-            return np.asarray(correlation_of(*self._form, self._scaled(log_lengths)))
+        small, size = len(self._points) <= SMALL_DESIGN, len(self._points)
         # One call for several sets: calls of compiled code in a row wait for one another's threads.
-        count = max(1, LARGEST_CALL // len(self._points) ** 2)
-        parts = []
+        count = max(1, 2 * CACHED // size**2 if small else LARGEST_CALL // size**2)
         for some in (log_lengths[first : first + count] for first in range(0, len(log_lengths), count)):
-            rows = np.concatenate([_rows(self._points, one) for one in some])
-            columns = np.asarray(self._columns(rows, self._points))
-            parts.append(columns.reshape(len(columns), len(some), -1).transpose(1, 0, 2))
-        return np.concatenate(parts)
+            if small:
+                yield from map(self._filled, self._of_pairs(some))
+            else:
+                rows = np.concatenate([_rows(self._points, one) for one in some])
+                yield from self._by_compiled_code(rows).reshape(size, len(some), size).transpose(1, 0, 2)
 
-    def _scaled(self, log_lengths: np.ndarray) -> list[np.ndarray]:
-        """Differences of the design's points in correlation lengths, of each coordinate (set, point, point)."""
+    def _by_compiled_code(self, rows: np.ndarray) -> np.ndarray:
+        """Correlations of the design (point, row) with points that have lengths of their own."""
+        missing = -len(self._points) % DESIGN_STEP
+        padded = np.concatenate([self._points, np.repeat(self._points[-1:], missing, axis=0)])
+        return np.asarray(self._columns(rows, padded)[: len(self._points)])
+
+    def _of_pairs(self, log_lengths: np.ndarray) -> np.ndarray:
+        """Correlations of every two different points (set, pair), in the order of the matrix above its diagonal."""
+        family, separable = self._form
         rates = np.exp(-log_lengths)
-        return [rates[:, j, None, None] * self._differences[j] for j in range(self._points.shape[1])]
+        if family == "gaussian" or not separable:
+            return np.asarray(correlation_at(family, rates**2 @ self._squares))
+        return np.asarray(correlation_of(family, True, list(rates.T[:, :, None] * self._distances[:, None, :])))
+
+    def _filled(self, pairs: np.ndarray) -> np.ndarray:
+        """The whole matrix, from what is above its diagonal."""
+        size = len(self._points)
+        whole = np.empty(size * size)
+        above, below = self._places
+        whole[above] = pairs
+        whole[below] = pairs
+        whole[:: size + 1] = 1.0
+        return whole.reshape(size, size)
 
     @functools.cached_property
-    def _differences(self) -> list[np.ndarray]:
-        return [column[:, None] - column[None, :] for column in self._points.T]
+    def _places(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where every two points stand in the flat matrix, above and below its diagonal."""
+        row, column = np.triu_indices(len(self._points), 1)
+        return row * len(self._points) + column, column * len(self._points) + row
+
+    @functools.cached_property
+    def _distances(self) -> np.ndarray:
+        """Distances of every two points in each coordinate (coordinate, pair)."""
+        row, column = np.triu_indices(len(self._points), 1)
+        return np.asarray(np.abs(self._points[row] - self._points[column]).T.copy())
+
+    @functools.cached_property
+    def _squares(self) -> np.ndarray:
+        return np.asarray(self._distances**2)
 
     def gradient(self, log_lengths: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths.
@@ -125,11 +162,20 @@ class CorrelationMatrices:
             The gradient.
         """
         if len(self._points) <= SMALL_DESIGN:
-            scaled = self._scaled(log_lengths[None])
-            slopes = slopes_of(*self._form, scaled, correlation_of(*self._form, scaled))
-            return np.array([np.vdot(weights, slope) for slope in slopes])
+            return self._gradient_by_pairs(log_lengths, weights)
         slopes = self._gradients(_rows(self._points, log_lengths), self._points, signals=Signals(weights[:, :, None]))
         return np.asarray(slopes.sum(axis=0))
+
+    def _gradient_by_pairs(self, log_lengths: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The gradient by NumPy: ∂R/∂log ℓⱼ = g sⱼ² R; see `relative_slope`."""
+        family, separable = self._form
+        both, (above, below) = weights.reshape(-1), self._places
+        weighted = (both[above] + both[below]) * self._of_pairs(log_lengths[None])[0]
+        rates = np.exp(-2.0 * log_lengths)
+        if separable and family != "gaussian":
+            scaled = rates[:, None] * self._squares
+            return np.array([np.vdot(weighted, relative_slope(family, square) * square) for square in scaled])
+        return np.asarray(rates * (self._squares @ (weighted * relative_slope(family, rates @ self._squares))))
 
 
 def _rows(points: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
@@ -161,7 +207,7 @@ def _compiled(family: str, separable: bool) -> tuple[InLanes, InLanes]:
 
         return lax.scan(step, jnp.zeros_like(log_lengths), (points, signals))[0]
 
-    return InLanes(columns, run_axes=1), InLanes(gradients)
+    return InLanes(columns, run_axes=1, one_array=True), InLanes(gradients, one_array=True)
 
 
 def _halves(rows: Any) -> tuple[Any, Any]:

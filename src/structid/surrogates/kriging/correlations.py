@@ -59,55 +59,60 @@ def correlation_of(family: str, separable: bool, scaled: Sequence[Any]) -> Any:
     array
         Correlations, in the shape of the differences.
     """
+    if family == "gaussian" or not separable:
+        return correlation_at(family, sum(s * s for s in scaled))
+    # The polynomials multiply and the exponents add: one exponential for all coordinates.
     xp = namespace(scaled[0])
-    if family == "gaussian":
-        return xp.exp(-0.5 * sum(s * s for s in scaled))
-    if separable:
-        # The polynomials multiply and the exponents add: one exponential for all coordinates.
-        distance = [xp.abs(s) for s in scaled]
-        product = 1.0
-        for h in distance:
-            product = product * _polynomial(family, h)
-        return product * xp.exp(-_RATE[family] * sum(distance))
-    square = sum(s * s for s in scaled)
-    # The derivative of the square root at 0 is infinite; that of the correlation is not.
-    h = xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
-    return _polynomial(family, h) * xp.exp(-_RATE[family] * h)
+    distance = [xp.abs(s) for s in scaled]
+    product = 1.0
+    for h in distance:
+        product = product * _polynomial(family, h)
+    return product * xp.exp(-_RATE[family] * sum(distance))
 
 
-def slopes_of(family: str, separable: bool, scaled: Sequence[np.ndarray], values: np.ndarray) -> list[np.ndarray]:
-    """Differentiate correlations by the logarithms of the correlation lengths.
-
-    ∂R/∂log ℓⱼ = g(h) sⱼ² R with sⱼ = (aⱼ − bⱼ)/ℓⱼ and h = |sⱼ| if separable, else h = √Σ sⱼ². g is −R′/(h R) of one coordinate:
-    1/h, 3/(1 + √3 h), 5/3 (1 + √5 h)/(1 + √5 h + 5h²/3), or 1.
+def correlation_at(family: str, square: Any) -> Any:
+    """Compute ellipsoidal correlations from squared distances.
 
     Parameters
     ----------
     family : {"exponential", "matern32", "matern52", "gaussian"}
         The correlation function R.
-    separable : bool
-        Whether the correlation is a product over the coordinates.
-    scaled : sequence of ndarray
-        As for `correlation_of`.
-    values : ndarray
-        What `correlation_of` gives.
+    square : array
+        h², squared distances in correlation lengths.
 
     Returns
     -------
-    list of ndarray
-        Of each coordinate.
+    array
+        Correlations, in the shape of the distances.
     """
-    squares = [s * s for s in scaled]
-    if separable or family == "gaussian":
-        return [square * _relative_slope(family, np.sqrt(square)) * values for square in squares]
-    common = _relative_slope(family, np.sqrt(sum(squares))) * values
-    return [square * common for square in squares]
+    xp = namespace(square)
+    if family == "gaussian":
+        return xp.exp(-0.5 * square)
+    # The derivative of the square root at 0 is infinite; that of the correlation is not.
+    h = np.sqrt(square) if xp is np else xp.where(square > 0, xp.sqrt(xp.where(square > 0, square, 1.0)), 0.0)
+    return _polynomial(family, h) * xp.exp(-_RATE[family] * h)
 
 
-def _relative_slope(family: str, h: np.ndarray) -> Any:
-    """G = −R′(h)/(h R(h)); for the exponential correlation at h = 0, where it is infinite, 0."""
+def relative_slope(family: str, square: np.ndarray) -> Any:
+    """Compute g = −R′(h)/(h R(h)), with which ∂R/∂log ℓⱼ = g(h) sⱼ² R for the scaled difference sⱼ = (aⱼ − bⱼ)/ℓⱼ.
+
+    h is |sⱼ| if the correlation is separable, and else √Σ sⱼ². g is 1/h, 3/(1 + √3 h), 5/3 (1 + √5 h)/(1 + √5 h + 5h²/3), or 1.
+
+    Parameters
+    ----------
+    family : {"exponential", "matern32", "matern52", "gaussian"}
+        The correlation function R.
+    square : ndarray
+        h², squared distances in correlation lengths.
+
+    Returns
+    -------
+    array
+        g; for the exponential correlation at h = 0, where it is infinite, 0.
+    """
     if family == "gaussian":
         return 1.0
+    h = np.sqrt(square)
     if family == "exponential":
         return np.divide(1.0, h, out=np.zeros_like(h), where=h > 0.0)
     rate = _RATE[family]

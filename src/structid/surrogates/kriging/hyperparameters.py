@@ -23,8 +23,8 @@ LOG_LENGTHS = (-4.0, 7.0)
 LOG_NUGGETS = (-25.0, 0.0)
 """Range of the logarithm of an estimated nugget, relative to the process variance."""
 
-SCREENING_POINTS = 250
-"""Number of points of the design that the global search uses."""
+GLOBAL_POINTS, SCREENING_POINTS = 100, 250
+"""Number of points of the design that the global search uses, and the local search after it."""
 
 
 class HyperparameterObjective:
@@ -218,8 +218,9 @@ def search_hyperparameters(
     stages = [objective.on(data.some(np.sort(order[:size]))) for size in parts] + [objective]
     screening = objective.on(data.some(np.sort(order[:SCREENING_POINTS])))
     bounds = objective.bounds
+    coarse = objective.on(data.some(np.sort(order[: max(GLOBAL_POINTS, 2 * data.trend.shape[1])])))
     found = scipy.optimize.differential_evolution(
-        screening.values, bounds, init=_first_generation(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
+        coarse.values, bounds, init=_first_generation(bounds, 8 * len(bounds), rng), maxiter=12, polish=False, rng=rng,
         vectorized=True, updating="deferred",
     )  # fmt: skip
     best, lowest = found.x, np.inf

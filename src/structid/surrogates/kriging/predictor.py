@@ -96,9 +96,9 @@ class KrigingGroup:
         array, shape (run, output)
             Means, of the same kind as `theta`.
         """
-        trend = product(self.trend.evaluate(theta), self.factors.coefficients)
         if namespace(theta) is np:
-            return trend + self._correlations(theta) @ self.factors.weights
+            return self._mean(theta, self._correlations(theta))
+        trend = product(self.trend.evaluate(theta), self.factors.coefficients)
         points, log_lengths = (theta - self.centre) / self.scale, jnp.asarray(self.log_lengths)
 
         def correlations(design: Any) -> Any:
@@ -106,8 +106,12 @@ class KrigingGroup:
 
         return trend + product_of(correlations, jnp.asarray(self.points), jnp.asarray(self.factors.weights))
 
-    def standard_deviation(self, theta: Any) -> Any:
-        """Predict the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
+    def _mean(self, theta: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """The mean on the host, from the correlations with every run."""
+        return np.asarray(self.trend.evaluate(theta) @ self.factors.coefficients + r @ self.factors.weights)
+
+    def mean_and_deviation(self, theta: Any) -> tuple[Any, Any]:
+        """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
         The difference is known to `SMALLEST_NUGGET` only. Where runs are noisy and no nugget is given, σ² is so large that
         this is the variance of the noise; less is never claimed.
@@ -119,15 +123,16 @@ class KrigingGroup:
 
         Returns
         -------
-        array, shape (run, output)
-            Standard deviations of the noise-free function, of the same kind as `theta`.
+        tuple of array, shape (run, output)
+            Means, and standard deviations of the noise-free function, of the same kind as `theta`.
         """
         numpy, r = namespace(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg
         whitened = linalg.solve_triangular(numpy.asarray(self.factors.cholesky), r.T, lower=True)
         u = r @ self.factors.solved_trend - self.trend.evaluate(theta)
         share = 1.0 - (whitened**2).sum(axis=0) + numpy.einsum("rj,jk,rk->r", u, self.factors.trend_covariance, u)
-        return numpy.sqrt(numpy.maximum(share, SMALLEST_NUGGET))[:, None] * numpy.sqrt(self.variance)
+        deviation = numpy.sqrt(numpy.maximum(share, SMALLEST_NUGGET))[:, None] * numpy.sqrt(self.variance)
+        return (self._mean(theta, r) if numpy is np else self.mean(theta)), deviation
 
     def _correlations(self, theta: Any) -> Any:
         """Correlations with every run, shape (run, training run)."""
@@ -198,8 +203,10 @@ class KrigingPredictor:
             starts = range(0, len(theta), PREDICTION_BATCH)
             parts = [self.predict(theta[first : first + PREDICTION_BATCH], return_std) for first in starts]
             return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-        mean = self._join([g.mean(theta) for g in self.groups])
-        return (mean, self._join([g.standard_deviation(theta) for g in self.groups])) if return_std else mean
+        if not return_std:
+            return self._join([g.mean(theta) for g in self.groups])
+        means, deviations = zip(*(g.mean_and_deviation(theta) for g in self.groups), strict=True)
+        return self._join(list(means)), self._join(list(deviations))
 
     def deviation(self, theta: Any) -> Any:
         """Predict the standard deviations; see `Regression.deviation`.
