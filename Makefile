@@ -3,15 +3,16 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/ready
-# One worker a core, up to four: each takes two gigabytes.
-WORKERS := -n auto --maxprocesses 4
+# One worker more than there are cores, since some tests wait; up to four, since each takes two gigabytes.
+WORKERS := -n $$($(BIN)/python -c 'import os; print(min(os.cpu_count() + 1, 4))')
 # A file of tests stays in one worker: what it makes for all of its tests is made once, and compiled once.
 SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 # Of the slow tests one file takes a quarter of the time: a worker that has done its own takes over some of the other's.
 TAKEN_OVER := $(WORKERS) --dist worksteal
-# A worker on every core: threads of the linear algebra would only wait for one another.
+# Every core has its worker: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
-# Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast.
+# Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast, and
+# so does LLVM's of long loops (tests/conftest.py).
 # The slow tests compile as users do.
 # JAX 0.12, which needs Python 3.12, does not know the second flag, and ends the process without a word.
 OLDER_WAY := $$($(BIN)/python -c 'import sys; print(" --xla_cpu_use_fusion_emitters=false" if sys.version_info < (3, 12) else "")')
@@ -23,11 +24,11 @@ demo: $(READY)
 	$(BIN)/structid demo --out demo
 
 test: $(READY)
-	@echo "Tests of behaviour, a file on every core, without those that take minutes (make test-slow) and without style (make lint):"
+	@echo "Tests of behaviour, several files at a time, without those that take minutes (make test-slow) and without style (make lint):"
 	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
-	@echo "Statistics, kills, examples and quick runs of every benchmark, a test on every core:"
+	@echo "Statistics, kills, examples and quick runs of every benchmark, several tests at a time:"
 	$(ONE_THREAD) $(BIN)/pytest $(TAKEN_OVER) -q -m slow
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.

@@ -185,7 +185,7 @@ def loop(seconds: float, everything: bool) -> list[str]:
         test = HybridTest(upper, specimen, record, dt=0.01, time_scale=10.0, coupling=coupling, physical=lower)
         with watched(Path(folder)) if everything else contextlib.nullcontext():
             result = test.run(Path(folder) / "test_1.h5" if everything else None)
-        assert result.finished
+        assert result.finished, str(result)
         took = 1e3 * np.diff(specimen.came[2:])
     rate = 1e3 / took.mean()
     quantiles = (np.median(took), np.quantile(took, 0.99), np.quantile(took, 0.999), took.max())

@@ -178,7 +178,7 @@ def posteriors(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
     runs = si.Campaign(model, record, space.sample(40 if quick else 1000, 1)).run()
     published, best = (small(PUBLISHED), small(CONVERGED)) if quick else (PUBLISHED, CONVERGED)
     settings = dict(terms=absolute_terms(), training="per-experiment", selection="lars", most_terms=10, limit=10.0)
-    few = si.Campaign(model, record, space.sample(60 if quick else 500, 1, "sobol", 2.0)).run()
+    few = si.Campaign(model, record, space.sample(90 if quick else 500, 1, "sobol", 2.0)).run()
     models: dict[str, tuple[Callable[[], Any], Callable[[], Any]]] = {
         "the model": (lambda: model, lambda: model),
         "PC-NARX": (lambda: si.PCNARX(**settings).fit(runs), lambda: si.PCNARX(limit=10.0).fit(few)),
@@ -263,7 +263,7 @@ def metamodels(record: si.GroundMotion, clock: Clock, folder: Path, quick: bool)
     model = calibrated(space)
     runs = si.Campaign(model, record, space.sample(60 if quick else 1000, 1)).run()
     unseen = si.Campaign(model, record, space.sample(50 if quick else 10_000, 2, "random")).run()
-    widened = si.Campaign(model, record, space.sample(60 if quick else 500, 1, "sobol", 2.0)).run()
+    widened = si.Campaign(model, record, space.sample(90 if quick else 500, 1, "sobol", 2.0)).run()
     rows, found = [], {}
     for most in (10, 15):
         settings = dict(

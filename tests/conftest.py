@@ -13,6 +13,11 @@ import pytest
 import structid as si
 from oscillators import DEGRADING
 from pictures import Pictures
+from structid.mechanics.lanes import machine
+
+if "xla_backend_optimization_level=0" in os.environ.get("XLA_FLAGS", ""):
+    # Where XLA is to write its plainest code, LLVM is, too, if a text is as long as a wall's: that takes a sixth of the time.
+    machine.levels = lambda text: (0, 0) if len(text) > 200_000 else (2, 3)
 
 if "PYTEST_XDIST_WORKER" not in os.environ:
     # On import ArviZ 0.23 notes that it has given its warning of the day, and two workers at once trip over each other's note.

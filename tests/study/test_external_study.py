@@ -13,7 +13,7 @@ from structid.study.run import load, report_again, run_study
 from studies import PLAIN, without_pages
 
 SOLVER = packaged.SOLVERS["external"]
-TEMPLATE = packaged.template("external").replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "5 s"]')
+TEMPLATE = packaged.template("external").replace('trim = ["3 s", "11 s"]', 'trim = ["3 s", "4 s"]')
 RUNS_ONLY = TEMPLATE[: TEMPLATE.index("[observation]")] + ('[campaign]\nruns = 12\nmethod = "sobol"\nattempts = 2\n\n')
 STUDY = (
     RUNS_ONLY

@@ -199,6 +199,11 @@ class HybridTest:
         InputError
             If parts, record, geometry or steps do not fit together.
         """
+        return self._checked
+
+    @cached_property
+    def _checked(self) -> Feasibility:
+        """The check, which is asked for once by itself and once by the run."""
         joined = self._joined(self._force(self.specimen)).of_parts(*self._parts)
         base = base_of(self.record, joined, self.duration)
         with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused

@@ -61,6 +61,22 @@ def why_not() -> str:
     return ""
 
 
+def levels(text: str) -> tuple[int, int]:
+    """Say how far LLVM's passes, and its writing of code, are to optimise.
+
+    Parameters
+    ----------
+    text : str
+        For LLVM.
+
+    Returns
+    -------
+    tuple of int
+        0 to 3 each.
+    """
+    return 2, 3
+
+
 class _Machine:
     """LLVM for the processor it runs on."""
 
@@ -74,10 +90,7 @@ class _Machine:
         self.processor: str = llvm.get_host_cpu_name()
         features = llvm.get_host_cpu_features().flatten()
         self.wide = "+avx512f" in features
-        target = llvm.Target.from_default_triple()
-        self.target = target.create_target_machine(
-            cpu=self.processor, features=features, opt=3, reloc="pic", codemodel="default"
-        )
+        self.features = features
         self.identity = f"llvmlite {llvmlite.__version__}, LLVM {llvm.llvm_version_info}, {self.processor}, {features}"
         # JITLink keeps code and its constants side by side. The older linker may put them further apart than code can reach, in a
         # process with little room left between its other libraries.
@@ -86,15 +99,19 @@ class _Machine:
 
     def object_code(self, text: str) -> bytes:
         """Compile."""
+        passes_level, code_level = levels(text)
+        target = self.llvm.Target.from_default_triple().create_target_machine(
+            cpu=self.processor, features=self.features, opt=code_level, reloc="pic", codemodel="default"
+        )
         module = self.llvm.parse_assembly(text)
         module.verify()
-        module.triple, module.data_layout = self.target.triple, str(self.target.target_data)
-        options = self.llvm.create_pipeline_tuning_options(speed_level=2)
+        module.triple, module.data_layout = target.triple, str(target.target_data)
+        options = self.llvm.create_pipeline_tuning_options(speed_level=passes_level)
         # The code is in vectors and in the loops that it should be in.
         options.loop_unrolling = options.loop_vectorization = options.slp_vectorization = False
-        passes = self.llvm.create_pass_builder(self.target, options)
+        passes = self.llvm.create_pass_builder(target, options)
         passes.getModulePassManager().run(module, passes)
-        return bytes(self.target.emit_object(module))
+        return bytes(target.emit_object(module))
 
     def linked(self, code: bytes, function: str, name: str) -> Callable[..., None]:
         """Load object code."""
@@ -175,7 +192,7 @@ def load(text: str, function: str) -> Callable[..., None]:
     """
     with _lock:
         machine = _machine()
-        name = hashlib.sha256(f"{machine.identity}\n{text}".encode()).hexdigest()[:32]
+        name = hashlib.sha256(f"{machine.identity}, {levels(text)}\n{text}".encode()).hexdigest()[:32]
         if name not in machine.loaded:
             machine.loaded[name] = machine.linked(_code(machine, text, name), function, name)
         return machine.loaded[name]
