@@ -133,7 +133,7 @@ def main() -> None:
     while time.monotonic() < end:
         for name, (read, good) in sources().items():
             path = FOLDER / name
-            for _ in range(200):
+            for _ in range(20 if given.quick else 200):
                 path.write_bytes(mutated(rng, good[int(rng.integers(len(good)))]))
                 found = outcome(read, path, rng)
                 counts[name, found] += 1
