@@ -176,9 +176,7 @@ class Found:
         return [label, *both, f"{np.mean(self.evidence):.0f}", str(chosen), *covered]
 
 
-def wrong_model_rows(
-    records: int, laws: dict[str, Any] = LAWS, structures: Sequence[str] = tuple(TRUTHS)
-) -> list[list[str]]:
+def wrong_model_rows(records: int, laws: dict[str, Any], structures: Sequence[str]) -> list[list[str]]:
     """Posterior means over many records of one structure, beside what the posteriors say of themselves."""
     model, rows = oscillator(free=space().names), []
     for name, truth in ((name, TRUTHS[name]()) for name in structures):
@@ -201,7 +199,7 @@ def wrong_model_rows(
 # --- right models -----------------------------------------------------------------------------------------------
 
 
-def right_model_rows(replicas: int, laws: dict[str, Any] = LAWS) -> list[list[str]]:
+def right_model_rows(replicas: int, laws: dict[str, Any]) -> list[list[str]]:
     """How often the law of the noise is chosen where the model is right, and the sds beside those that it gives."""
     truth, model, rows = oscillator(stiffness=0.474e6, beta=25.0, alpha=0.1), oscillator(free=space().names), []
     for label, right in (("white noise", "iid"), ("AR(1) noise", "ar1")):

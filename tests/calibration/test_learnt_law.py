@@ -13,6 +13,7 @@ from structid.probability.bijections import Bijection
 NAMES = ("a", "b", "c")
 SPACE = si.ParameterSpace(**{n: si.Normal(0.0, 3.0) for n in NAMES})
 PRIOR = [(-np.inf, np.inf)] * 3
+SEED = 0
 
 
 def target(log_density):
@@ -42,31 +43,29 @@ def of_rough(count, seed):
     return some[accepted][:count]
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough(seed):
+def test_good_draws_with_rough_weights_pass_when_the_runs_have_taught_enough():
     """Ripples that move no mean: weights alone would ask for a χ that is half as large."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     known = 2.0 * rng.standard_normal((120, 3))
     found = si.certify(
         target(bent),
-        of_rough(6000, seed),
+        of_rough(6000, SEED),
         rough,
         true_runs=60,
         known=(known, bent(known)),
         limits=si.Limits(0.15, 0.15),
-        seed=seed,
+        seed=SEED,
     )
     assert found.certified and found.correction is not None, str(found)
     assert np.abs(found.correction.mean).max() < 0.1 and found.true_runs <= 62 + 10 + 30
     assert "about a law that the runs have taught" in str(found)
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are(seed):
+def test_what_the_runs_teach_of_wrong_draws_is_how_wrong_they_are():
     moved = np.array([0.3, 0.0, 0.0])
-    known = 2.0 * np.random.default_rng(seed).standard_normal((80, 3))
+    known = 2.0 * np.random.default_rng(SEED).standard_normal((80, 3))
     found = si.certify(
-        target(bent), of_bent(6000, seed) + moved, lambda x: bent(x - moved), known=(known, bent(known)), seed=seed
+        target(bent), of_bent(6000, SEED) + moved, lambda x: bent(x - moved), known=(known, bent(known)), seed=SEED
     )
     assert not found.certified
     assert found.correction is not None
@@ -79,17 +78,16 @@ def correlated(x):
     return scipy.stats.multivariate_normal.logpdf(x, np.zeros(3), [[1.0, 0.3, 0.0], [0.3, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_draws_that_ignore_a_correlation_are_refused(seed):
+def test_draws_that_ignore_a_correlation_are_refused():
     """The runs teach that all means and standard deviations are right, and what is wrong."""
-    draws = np.random.default_rng(seed).standard_normal((4000, 3))
-    known = 2.0 * np.random.default_rng(seed + 50).standard_normal((80, 3))
+    draws = np.random.default_rng(SEED).standard_normal((4000, 3))
+    known = 2.0 * np.random.default_rng(SEED + 50).standard_normal((80, 3))
     found = si.certify(
         target(correlated),
         draws,
         lambda x: scipy.stats.norm.logpdf(x).sum(axis=1),
         known=(known, correlated(known)),
-        seed=seed,
+        seed=SEED,
     )
     assert not found.certified and found.correction is not None
     assert found.correction.correlation[0, 1] == pytest.approx(0.3, abs=0.05)
@@ -97,16 +95,15 @@ def test_draws_that_ignore_a_correlation_are_refused(seed):
     assert any("the correlation of a and b" in reason for reason in found.reasons), str(found)
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_a_run_that_no_other_one_foretells_is_not_learnt_away(seed):
+def test_a_run_that_no_other_one_foretells_is_not_learnt_away():
     """A heavy spike among the draws, as narrow as a fiftieth of them: a Kriging goes through any run."""
     top = np.array([1.5, 0.3, -1.0])
 
     def spiked(x):
         return np.logaddexp(bent(x), scipy.stats.norm.logpdf(x, top, 0.02).sum(axis=1))
 
-    known = np.concatenate([2.0 * np.random.default_rng(seed).standard_normal((80, 3)), top[None]])
-    found = si.certify(target(spiked), of_rough(6000, seed), rough, known=(known, spiked(known)), seed=seed)
+    known = np.concatenate([2.0 * np.random.default_rng(SEED).standard_normal((80, 3)), top[None]])
+    found = si.certify(target(spiked), of_rough(6000, SEED), rough, known=(known, spiked(known)), seed=SEED)
     assert not found.certified and "nats more density than the law that was drawn" in str(found), str(found)
 
 
@@ -124,14 +121,13 @@ def two_modes(x):
     return np.logaddexp(here, there)
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
+def test_a_mode_that_no_draw_has_visited_is_searched_for():
     """The prior's draws that a few known runs do not rule out are run; the runs that somebody has made there help."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     some = rng.normal(1.5, 0.3, (6000, 3))
-    known = SPACE.sample(60, seed).values
+    known = SPACE.sample(60, SEED).values
     density = lambda x: scipy.stats.norm.logpdf(x, 1.5, 0.3).sum(axis=1)  # noqa: E731
-    options = {"true_runs": 60, "known": (known, two_modes(known)), "seed": seed}
+    options = {"true_runs": 60, "known": (known, two_modes(known)), "seed": SEED}
     unseen = si.certify(target(two_modes), some, density, searches=0, **options)
     near = np.linalg.norm(known + 1.5, axis=1) < 1.3  # a known run within reach of it says so itself
     assert unseen.certified == (not near.any()), str(unseen)
@@ -139,9 +135,8 @@ def test_a_mode_that_no_draw_has_visited_is_searched_for(seed):
     assert not found.certified and "than the law that was drawn" in str(found), str(found)
 
 
-@pytest.mark.parametrize("seed", [0])
-def test_a_search_that_finds_nothing_takes_no_certificate_away(seed):
-    found = si.certify(target(bent), of_bent(6000, seed), bent, searches=10, seed=seed)
+def test_a_search_that_finds_nothing_takes_no_certificate_away():
+    found = si.certify(target(bent), of_bent(6000, SEED), bent, searches=10, seed=SEED)
     assert found.certified and found.true_runs <= 31 + 2 * 10
 
 

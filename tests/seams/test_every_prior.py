@@ -82,8 +82,8 @@ def test_derivatives_of_every_family():
         sides = PRIORS[name].log_density(np.array([0.055 - 1e-6, 0.055 + 1e-6]))
         assert slope == pytest.approx((sides[1] - sides[0]) / 2e-6, rel=1e-5, abs=1e-6), name
     found = si.sample(of, si.NUTS(chains=2, steps=50, warm_up=80), seed=1)
-    scales = space.sample(2000, seed=1).values
-    off = (found.mean - scales.mean(axis=0)) / scales.std(axis=0)
+    prior = space.sample(2000, seed=1).values
+    off = (found.mean - prior.mean(axis=0)) / prior.std(axis=0)
     assert (np.abs(off) < 0.6).all(), off
 
 

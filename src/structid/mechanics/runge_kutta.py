@@ -40,7 +40,7 @@ def runge_kutta_4(rate: Callable[[State, Any], State], state: State, inputs: tup
     rate : callable
         ``rate(state, input)``: the derivative of every part of the state.
     state : tree of arrays
-        The state at the start.
+        The state at the start; a dict holds arrays, and no other trees.
     inputs : triple
         The input at the start, the middle and the end of the step.
     step : float

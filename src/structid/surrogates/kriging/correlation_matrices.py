@@ -117,7 +117,9 @@ class CorrelationMatrices:
         family, separable = self._form
         rates = np.exp(-log_lengths)
         if family == "gaussian" or not separable:
-            return np.asarray(correlation_at(family, rates**2 @ self._squares))
+            # No product of matrices: its last digits depend on how many sets there are.
+            scaled = (rate[:, None] * square for rate, square in zip((rates**2).T, self._squares, strict=True))
+            return np.asarray(correlation_at(family, sum(scaled)))
         return np.asarray(correlation_of(family, True, list(rates.T[:, :, None] * self._distances[:, None, :])))
 
     def _filled(self, pairs: np.ndarray) -> np.ndarray:

@@ -97,7 +97,7 @@ class KrigingGroup:
             Means, of the same kind as `theta`.
         """
         if namespace(theta) is np:
-            return self._mean(theta, self._correlations(theta))
+            return self._mean(self.trend.evaluate(theta), self._correlations(theta))
         trend = product(self.trend.evaluate(theta), self.factors.coefficients)
         points, log_lengths = (theta - self.centre) / self.scale, jnp.asarray(self.log_lengths)
 
@@ -106,9 +106,9 @@ class KrigingGroup:
 
         return trend + product_of(correlations, jnp.asarray(self.points), jnp.asarray(self.factors.weights))
 
-    def _mean(self, theta: np.ndarray, r: np.ndarray) -> np.ndarray:
-        """The mean on the host, from the correlations with every run."""
-        return np.asarray(self.trend.evaluate(theta) @ self.factors.coefficients + r @ self.factors.weights)
+    def _mean(self, f: np.ndarray, r: np.ndarray) -> np.ndarray:
+        """The mean on the host, from the terms of the trend and the correlations with every run."""
+        return np.asarray(f @ self.factors.coefficients + r @ self.factors.weights)
 
     def mean_and_deviation(self, theta: Any) -> tuple[Any, Any]:
         """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
@@ -126,13 +126,13 @@ class KrigingGroup:
         tuple of array, shape (run, output)
             Means, and standard deviations of the noise-free function, of the same kind as `theta`.
         """
-        numpy, r = namespace(theta), self._correlations(theta)
+        numpy, f, r = namespace(theta), self.trend.evaluate(theta), self._correlations(theta)
         linalg = scipy.linalg if numpy is np else jax.scipy.linalg
         whitened = linalg.solve_triangular(numpy.asarray(self.factors.cholesky), r.T, lower=True)
-        u = r @ self.factors.solved_trend - self.trend.evaluate(theta)
+        u = r @ self.factors.solved_trend - f
         share = 1.0 - (whitened**2).sum(axis=0) + numpy.einsum("rj,jk,rk->r", u, self.factors.trend_covariance, u)
         deviation = numpy.sqrt(numpy.maximum(share, SMALLEST_NUGGET))[:, None] * numpy.sqrt(self.variance)
-        return (self._mean(theta, r) if numpy is np else self.mean(theta)), deviation
+        return (self._mean(f, r) if numpy is np else self.mean(theta)), deviation
 
     def _correlations(self, theta: Any) -> Any:
         """Correlations with every run, shape (run, training run)."""
