@@ -3,6 +3,7 @@
 import os
 import signal
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -10,11 +11,13 @@ import pytest
 import hybrid_tests
 from hybrid_tests import PATIENCE, SECRET, Processes, storey
 from structid.errors import InputError
-from structid.hybrid.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
+from structid.hybrid import recorder as recorder_module
+from structid.hybrid.recorder import Following, Recorder, RecordingError, journal_of, recorded, tails_of
 from structid.hybrid.remote import RemoteSpecimen
 from structid.hybrid.result_file import open_hybrid
 from structid.hybrid.server import SpecimenServer
 from structid.hybrid.specimen import SpecimenError
+from structid.journal import Journal
 
 MOMENTS = [int(k) for k in np.random.default_rng(11).choice(np.arange(1, 95), 20, replace=False)]
 """Finished steps of a hundred after which something happens."""
@@ -197,6 +200,37 @@ def test_a_recording_is_whole_at_any_moment(tmp_path):
     np.testing.assert_array_equal(recorded(tmp_path / "a.h5")[1], rows)
     recorder.remove()
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.quick
+def test_rows_that_move_to_the_journal_while_it_is_read_are_seen(tmp_path, monkeypatch):
+    monkeypatch.setattr("structid.hybrid.recorder.BLOCK", 60.0)  # rows move when this test says so, not by themselves
+    store = tmp_path / "a.h5"
+    rows = np.random.default_rng(2).normal(size=(30, 3))
+    recorder = Recorder(store, {}, 3)
+    following = Following(store)
+
+    def then_moves(read):
+        def reading(*arguments):
+            found = read(*arguments)
+            found = list(found) if isinstance(found, Iterator) else found
+            recorder._take()
+            return found
+
+        return reading
+
+    monkeypatch.setattr(Journal, "entries_after", staticmethod(then_moves(Journal.entries_after)))
+    monkeypatch.setattr(Journal, "read", then_moves(Journal.read))
+    monkeypatch.setattr(recorder_module, "_rows_left_in", then_moves(recorder_module._rows_left_in))
+    for first in (0, 10, 20):
+        for row in rows[first : first + 5]:
+            recorder.add(row)
+        np.testing.assert_array_equal(following.new_rows(), rows[first : first + 5])
+        for row in rows[first + 5 : first + 10]:
+            recorder.add(row)
+        np.testing.assert_array_equal(recorded(store)[1], rows[: first + 10])
+        following.new_rows()
+    recorder.close()
 
 
 @pytest.mark.quick

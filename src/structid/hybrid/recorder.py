@@ -115,6 +115,15 @@ def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
         place += length
 
 
+def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
+    """Rows that the tails hold, by number.
+
+    Rows move from a tail to the journal, so the journal is read after this: a row that moves between the two is seen in both.
+    """
+    left = (entry for tail in tails_of(store) for entry in _rows_left_in(tail))
+    return {number: np.frombuffer(row, dtype="<f8") for number, row in left}
+
+
 class Recorder:
     """Records rows of one length beside a store, until they are put into it.
 
@@ -258,14 +267,13 @@ class Following:
         """
         rows: dict[int, np.ndarray] = {}
         try:
+            rows = _rows_in_tails(self.store)
             entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
             for entry in entries:
                 if "about" in entry:
                     self.about = json.loads(entry["about"].tobytes())
                 else:
                     rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
-            for tail in tails_of(self.store):
-                rows |= {n: np.frombuffer(row, dtype="<f8") for n, row in _rows_left_in(tail) if n not in rows}
         except FileNotFoundError:
             pass
         found = []
@@ -297,14 +305,12 @@ def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
     if not path.exists():
         raise InputError(f"store {store}", "no recording is there", "the store of a hybrid test")
     about: dict[str, Any] = {}
-    rows: dict[int, np.ndarray] = {}
+    rows = _rows_in_tails(store)
     for entry in Journal.read(path):
         if "about" in entry:
             about = json.loads(entry["about"].tobytes())
         else:
             rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
-    for tail in tails_of(store):
-        rows |= {number: np.frombuffer(row, dtype="<f8") for number, row in _rows_left_in(tail) if number not in rows}
     if sorted(rows) != list(range(len(rows))):
         missing = next(k for k in range(len(rows)) if k not in rows)
         raise InputError(f"store {store}", f"row {missing} is missing", "a whole recording")
