@@ -1,10 +1,14 @@
-"""How many cores this process may use, and where it keeps what it compiles for them."""
+"""How many cores and threads this process may use, and where it keeps what it compiles for them."""
 
 from __future__ import annotations
 
+import functools
 import multiprocessing
 import os
+from contextlib import AbstractContextManager
 from pathlib import Path
+
+import threadpoolctl
 
 
 def available_cores() -> int:
@@ -29,6 +33,29 @@ def cores_to_use() -> int:
     """
     alone = multiprocessing.parent_process() is None
     return max(int(os.environ.get("JAX_NUM_CPU_DEVICES", available_cores() if alone else 1)), 1)
+
+
+@functools.cache
+def _blas() -> threadpoolctl.ThreadpoolController:
+    """The libraries of linear algebra in this process. To look for them takes as long as a small fit."""
+    return threadpoolctl.ThreadpoolController().select(user_api="blas")
+
+
+def blas_threads(count: int | None) -> AbstractContextManager[object]:
+    """Limit the threads of the linear algebra for a while.
+
+    Parameters
+    ----------
+    count : int or None
+        How many; None leaves them as they are.
+
+    Returns
+    -------
+    context manager
+        At its end there are as many as before.
+    """
+    limited: AbstractContextManager[object] = _blas().limit(limits=count)
+    return limited
 
 
 def cache_folder(name: str) -> Path:

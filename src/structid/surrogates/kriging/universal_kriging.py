@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import threadpoolctl
 
 from structid.arguments import check_arguments
+from structid.cores import blas_threads
 from structid.errors import InputError, check_choice
 from structid.models.face import Progress
 from structid.probability.designs import Design
@@ -121,7 +121,7 @@ class Kriging:
         known = start.groups[0] if start is not None and self.shared and len(start.groups) == 1 else None
         forms = len(groups) * len(self._forms(theta))
         step_done = Steps(progress, forms * (1 if known else max(self.starts, 1) * len(stage_sizes(len(theta)))))
-        with threadpoolctl.threadpool_limits(1 if len(theta) <= SMALL else None, user_api="blas"):
+        with blas_threads(1 if len(theta) <= SMALL else None):
             fitted = [self._fit_group(design, theta, outputs[:, group], group, known, step_done) for group in groups]
         return KrigingPredictor(design.space, tuple(fitted))
 
