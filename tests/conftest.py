@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import gc
 import os
 import warnings
 from pathlib import Path
@@ -18,6 +19,10 @@ from structid.mechanics.lanes import machine
 if "xla_backend_optimization_level=0" in os.environ.get("XLA_FLAGS", ""):
     # Where XLA is to write its plainest code, LLVM is, too, if a text is as long as a wall's: that takes a sixth of the time.
     machine.levels = lambda text: (0, 0) if len(text) > 200_000 else (2, 3)
+
+# A worker comes to hold two million objects, most of them JAX's. To look for garbage among all of them, as often as Python does by
+# itself, was an eighth of the time.
+gc.set_threshold(20_000, 20, 20)
 
 if "PYTEST_XDIST_WORKER" not in os.environ:
     # On import ArviZ 0.23 notes that it has given its warning of the day, and two workers at once trip over each other's note.

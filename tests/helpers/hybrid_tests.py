@@ -1,11 +1,10 @@
 """A hybrid test in processes that tests kill, stop and starve: a server, and a client that counts its finished steps."""
 
 import mmap
+import multiprocessing
 import os
 import resource
 import struct
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -73,30 +72,37 @@ def run(address, store, counter, limit):
     print(result, flush=True)
 
 
+def _work(function, arguments, said):
+    """What a child does; what it says goes into files."""
+    for stream, kind in ((1, "out"), (2, "err")):
+        os.dup2(os.open(f"{said}.{kind}", os.O_WRONLY | os.O_CREAT), stream)
+    function(*arguments)
+
+
 class Processes:
-    """Server and client, each a process."""
+    """Server and client, each a process. They come from one that has imported everything, which takes seconds."""
+
+    children = multiprocessing.get_context("forkserver")
+    children.set_forkserver_preload(["hybrid_tests"])
 
     def __init__(self, folder, limit=0, remote=True):
         self.folder, self.store = folder, folder / "test.h5"
+        self.said = folder.parent / f"said by {folder.name}"
         self.server, address = None, "local"
         if remote:
             port = folder / "port"
-            self.server = self._started("serve", port)
+            self.server = self._started(serve, port)
             while not port.exists() or not port.read_text():
                 time.sleep(0.01)
             address = port.read_text()
         self.counter = folder / "counter"
         self.counter.write_bytes(bytes(8))
-        self.client = self._started("run", address, self.store, self.counter, limit)
+        self.client = self._started(run, address, self.store, self.counter, limit)
 
-    @staticmethod
-    def _started(*arguments):
-        code = "import sys, hybrid_tests; getattr(hybrid_tests, sys.argv[1])(*sys.argv[2:])"
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}
-        return subprocess.Popen(
-            [sys.executable, "-c", code, *map(str, arguments)],
-            env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        )  # fmt: skip
+    def _started(self, function, *arguments):
+        child = self.children.Process(target=_work, args=(function, arguments, f"{self.said} {function.__name__}"))
+        child.start()
+        return child
 
     @property
     def recorded(self):
@@ -107,20 +113,21 @@ class Processes:
         """Wait until so many rows have been recorded."""
         until = time.monotonic() + patience
         while self.recorded < rows:
-            if self.client.poll() is not None:
-                raise AssertionError(self.client.communicate()[1])
+            if not self.client.is_alive():
+                raise AssertionError(self.ended()[1])
             if time.monotonic() > until:
                 raise AssertionError(f"{self.recorded} rows after {patience} s")
+            time.sleep(0.001)
 
     def ended(self, patience=30.0):
-        """Wait for the client; what it said."""
-        out, err = self.client.communicate(timeout=patience)
-        return out, err
+        """Wait for the client; what it said, as results and as errors."""
+        self.client.join(patience)
+        assert not self.client.is_alive(), f"not ended after {patience} s"
+        return tuple(Path(f"{self.said} run.{kind}").read_text() for kind in ("out", "err"))
 
     def stop(self):
         """Kill what is left."""
         for process in (self.client, self.server):
-            if process is not None and process.poll() is None:
-                process.kill()
             if process is not None:
-                process.communicate()
+                process.kill()
+                process.join()

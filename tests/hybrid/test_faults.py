@@ -68,7 +68,7 @@ def client_killed(processes, whole, moment):
     both = processes()
     both.wait_for(moment)
     both.client.kill()
-    both.client.wait()
+    both.client.join()
     rows = both.recorded
     result = open_hybrid(both.store)
     the_same(result, whole, rows)
@@ -79,7 +79,7 @@ def client_killed(processes, whole, moment):
 def specimen_signalled(processes, whole, moment, what):
     both = processes()
     both.wait_for(moment)
-    both.server.send_signal(what)
+    os.kill(both.server.pid, what)
     began = time.monotonic()
     out, err = both.ended()
     assert time.monotonic() - began < OF_A_PROCESS, err
@@ -89,7 +89,7 @@ def specimen_signalled(processes, whole, moment, what):
     assert not result.finished
     assert result.events
     if what == signal.SIGSTOP:  # it wakes up, and finds its client gone
-        both.server.send_signal(signal.SIGCONT)
+        os.kill(both.server.pid, signal.SIGCONT)
         holds(both)
     both.server.kill()
 
@@ -291,7 +291,7 @@ def test_a_simulated_test_resumes_to_the_same_bits(processes, whole):
     one = processes(remote=False)
     one.wait_for(40)
     one.client.kill()
-    one.client.wait()
+    one.client.join()
     result = hybrid_tests.test_on(storey()).run(one.store, resume=True)
     assert result.finished
     np.testing.assert_array_equal(result.coarse.u, whole.coarse.u)
@@ -302,7 +302,7 @@ def test_another_specimen_is_found_out(processes):
     one = processes(remote=False)
     one.wait_for(20)
     one.client.kill()
-    one.client.wait()
+    one.client.join()
     with pytest.raises(InputError, match=r"step \d+ comes out otherwise"):
         hybrid_tests.test_on(storey(seed=2)).run(one.store, resume=True)
 
@@ -311,7 +311,7 @@ def test_a_test_on_a_structure_is_never_resumed(processes):
     one = processes(remote=False)
     one.wait_for(20)
     one.client.kill()
-    one.client.wait()
+    one.client.join()
     specimen = storey()
     specimen._description = specimen.describe().model_copy(update={"simulated": False})
     with pytest.raises(InputError, match="never resumed: it has damage"):
