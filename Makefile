@@ -11,12 +11,9 @@ SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 TAKEN_OVER := $(WORKERS) --dist worksteal
 # Every core has its worker: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
-# Compiling was half of the quick tests' time: XLA's plainest code, by its plainest way, compiles three times as fast, and
-# so does LLVM's of long loops (tests/conftest.py).
-# The slow tests compile as users do.
-# JAX 0.12, which needs Python 3.12, does not know the second flag, and ends the process without a word.
-OLDER_WAY := $$($(BIN)/python -c 'import sys; print(" --xla_cpu_use_fusion_emitters=false" if sys.version_info < (3, 12) else "")')
-PLAIN_COMPILER := XLA_FLAGS="--xla_backend_optimization_level=0$(OLDER_WAY)"
+# Compiling was half of the quick tests' time: XLA's plainest code compiles three times as fast. The slow tests run for longer than
+# they compile: only LLVM's code of long loops, and that of benchmarks, is the plainest there (tests/helpers/plain_code.py).
+PLAIN_COMPILER := XLA_FLAGS="$$($(BIN)/python -c 'import sys; sys.path.append("tests/helpers"); import plain_code; print(plain_code.XLA_FLAGS)')"
 
 .PHONY: demo test test-slow docs package lint format bench lock clean
 

@@ -11,14 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import plain_code
 import structid as si
 from oscillators import DEGRADING
 from pictures import Pictures
-from structid.mechanics.lanes import machine
 
-if "xla_backend_optimization_level=0" in os.environ.get("XLA_FLAGS", ""):
-    # Where XLA is to write its plainest code, LLVM is, too, if a text is as long as a wall's: that takes a sixth of the time.
-    machine.levels = lambda text: (0, 0) if len(text) > 200_000 else (2, 3)
+plain_code.of_long_loops()
 
 # A worker comes to hold two million objects, most of them JAX's. To look for garbage among all of them, as often as Python does by
 # itself, was an eighth of the time.

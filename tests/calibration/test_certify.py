@@ -143,6 +143,7 @@ def chains(tau, count, steps, seed):
     return TRUTH + SDS * scipy.signal.lfilter([1.0], [1.0, -rho], noise, axis=1)[:, 20 * tau :]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("told", ["function", "values"])
 def test_chains_of_the_right_law_that_are_too_short(told):
     """Walkers of two autocorrelation times: their law is the posterior itself, and averages over them are far from its own."""
@@ -342,6 +343,7 @@ def test_a_solver_that_does_not_move(measured, space, sampled):
         si.calibrate(model, space, observation)
 
 
+@pytest.mark.slow
 def test_a_calibration_notices_a_solver_with_noise(measured, space, tmp_path):
     """Too little to keep a certificate from its weights, and enough to be no function; all runs are counted and kept."""
     oscillator, observation = measured

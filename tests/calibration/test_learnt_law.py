@@ -121,6 +121,7 @@ def two_modes(x):
     return np.logaddexp(here, there)
 
 
+@pytest.mark.slow
 def test_a_mode_that_no_draw_has_visited_is_searched_for():
     """The prior's draws that a few known runs do not rule out are run; the runs that somebody has made there help."""
     rng = np.random.default_rng(SEED)

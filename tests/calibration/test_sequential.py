@@ -159,6 +159,7 @@ def test_two_records_of_two_lengths_with_correlated_errors(space, model):
 # --- what a certificate asks of the draws, and of those who ask for it ---------------------------------------------------
 
 
+@pytest.mark.slow
 def test_draws_that_have_not_converged_are_not_certified(space, model, measured):
     """The surrogate is right, and 80 particles are too few however long they move."""
     few = replace(EXPLORER, particles=20, steps=1)

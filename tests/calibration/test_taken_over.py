@@ -36,6 +36,7 @@ def measured():
     return si.Observation(RECORD, truth + noise)
 
 
+@pytest.mark.slow
 def test_a_mended_solver_goes_on_with_the_runs_of_before(measured, tmp_path):
     before, after = [], []
     first = si.calibrate(solver(before, 0.5), SPACE, measured, true_runs=45, seed=1, store=tmp_path)

@@ -98,6 +98,7 @@ def test_unknown_executors_are_refused(wrong):
         si.Campaign(wave_model(), RECORD, SPACE.sample(2, seed=1)).run(wrong)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_is_not_there_is_one_line_within_ten_seconds():
     pytest.importorskip("distributed")
     import time

@@ -111,6 +111,7 @@ def test_many_small_segments_make_the_same_file(tmp_path, monkeypatch, expected)
     np.testing.assert_array_equal(runs.values, expected.values)
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
     """A limit on the size of files stands for the disk: the journal's growth fails in the middle of a run's entry."""
     script = tmp_path / "fill.py"

@@ -23,6 +23,7 @@ WINDOWS = Wall(
 )
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences():
     model = MasonryWall(free=NAMES, channels=("ux_top_left", "base_shear"))
     traced = model.traced(RECORD.trim(0.0, 0.15))
@@ -113,6 +114,7 @@ def test_a_wall_of_many_blocks():
     assert found.done.all() and np.isfinite(found.values).all() and np.ptp(found.channel("drift")) > 0.0
 
 
+@pytest.mark.slow
 def test_of_second_order_in_the_step():
     model = MasonryWall(**dict(zip(NAMES, STIFF, strict=True)), channels=("drift",))
     record = RECORD.trim(0.0, 0.3)

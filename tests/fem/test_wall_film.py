@@ -24,6 +24,7 @@ def film(wall):
     return wall.film(RECORD)
 
 
+@pytest.mark.slow
 def test_the_film_is_the_run(wall, film):
     found = wall.simulate(np.zeros((1, 0)), RECORD)
     # Other channels are other code, which may round otherwise.

@@ -160,6 +160,7 @@ def test_order_two(substeps, fine):
     np.testing.assert_allclose(order_of(PrakashHjelmstad(substeps, fine)), 2.0, atol=0.05)
 
 
+@pytest.mark.slow
 def test_order_two_with_a_hundred_substeps():
     for fine in ("physical", "numerical"):
         np.testing.assert_allclose(order_of(PrakashHjelmstad(100, fine), (0.01, 0.005)), 2.0, atol=0.05)
@@ -174,6 +175,7 @@ def test_order_one_with_continuity_at_fine_steps():
     np.testing.assert_allclose(order_of(GravouilCombescure(1)), 2.0, atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "coupling",
     [PrakashHjelmstad(1), PrakashHjelmstad(10), PrakashHjelmstad(2, "physical"), PrakashHjelmstad(10, "physical")],

@@ -77,6 +77,7 @@ def test_extrapolation_brings_back_the_decay():
     assert result.tracking["displacement"].index.delay == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_series_that_learns_does_so_too():
     sensor = Sensor(5e-6)
     result = one_mass_test(0.030, AdaptiveTimeSeries(0.020), cycles=14, substeps=5, displacement_sensor=sensor).run()

@@ -180,6 +180,7 @@ def noisy(seed=3):
     return specimen(actuators=actuator, seed=seed)
 
 
+@pytest.mark.slow
 def test_a_programme_goes_on_where_it_was_killed(tmp_path):
     whole = programme(noisy()).run(tmp_path / "whole")
     cut = programme(noisy())

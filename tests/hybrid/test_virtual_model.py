@@ -12,6 +12,7 @@ SPACE = si.ParameterSpace(stiffness=si.Normal(7.6e6, 0.4e6), beta=si.Uniform(50.
 TRUTH = np.array([[7.5e6, 63.0]])
 
 
+@pytest.mark.slow
 def test_a_posterior_by_a_surrogate_of_a_campaign():
     """What a hybrid system does under a record, taken for measured, gives back the specimen that it was done with."""
     storey = si.BoucWen(mass=12e3, alpha=0.05, gamma_ratio=1.0, delta_nu=2.43, delta_eta=6.5, free=SPACE.names)

@@ -250,6 +250,7 @@ def test_a_thousand_random_and_mutated_frames(server):
     np.testing.assert_array_equal(RemoteSpecimen(server.address, SECRET).move(np.array([[0.5]])).force, [1.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", [False, True], ids=["before it has moved", "after it has moved"])
 def test_a_session_s_own_messages_with_a_byte_changed(moved):
     """Whatever byte of a signed move it is: the session ends, and the specimen holds its last accepted position if it has moved."""

@@ -39,6 +39,7 @@ def test_along_it_the_law_is_the_known_one(sampler):
     assert products.std() < 1e-3 * TRUTH and abs(products.mean() - TRUTH) < 5.0 * products.std()
 
 
+@pytest.mark.slow
 def test_bent_by_the_bounds_it_is_not_found_and_that_is_told():
     """The same moves through the logistic map of the bounds."""
     found = si.sample(posterior(), si.SMC(particles=200, steps=60), seed=1)

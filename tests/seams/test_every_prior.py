@@ -123,6 +123,7 @@ IN_A_STUDY = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("engine", "family"), thinned(IN_A_STUDY), indirect=["engine"])
 def test_a_calibration_and_its_page(family, engine, tmp_path):
     """In a study: sequential design, surrogate, certificate, netCDF, page."""

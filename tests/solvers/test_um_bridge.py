@@ -89,6 +89,7 @@ def test_what_a_server_answers_is_in_the_reason(case):
 LISTENING = Path("/proc/net/tcp")
 
 
+@pytest.mark.slow
 def test_the_official_client_reads_our_server(tmp_path, study_space):
 
     study = tmp_path / "study.toml"

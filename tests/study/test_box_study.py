@@ -60,6 +60,7 @@ def test_a_box_of_one_parameter(study):
     assert "Parameters and first passages" in outcome.report.read_text()
 
 
+@pytest.mark.slow
 def test_beside_a_calibration(study):
     text = SMALL + STUDY[STUDY.index("[parameter_study]") :]
     study.write_text(text)

@@ -23,6 +23,7 @@ def written(folder, calibration=CALIBRATION, surrogate='kind = "pod_kriging"', s
     return folder / "study.toml"
 
 
+@pytest.mark.slow
 def test_a_certified_study(tmp_path, monkeypatch):
     # One good surrogate in fifty is refused by the luck of its draws; the budget is for a second certificate, and a third.
     study = written(tmp_path, CALIBRATION.replace("true_runs = 300", "true_runs = 700"))

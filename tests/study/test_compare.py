@@ -43,6 +43,7 @@ def studies(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.rendered("predictions_velocity")
 def test_the_study_that_degrades_wins_where_the_structure_does(studies):
     comparison, page = compare_studies([studies / "simple", studies / "degrading"], studies / "page")

@@ -39,6 +39,7 @@ def evaluations(posterior, sampler):
     return count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [0, 1, 2])
 @pytest.mark.parametrize("sampler", [EXPLORER, si.SMC(particles=200, steps=20)])
 def test_a_tempering_takes_about_as_many_densities_as_it_says(tmp_path, law, sampler):

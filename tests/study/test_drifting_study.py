@@ -3,6 +3,7 @@
 import re
 
 import numpy as np
+import pytest
 
 from structid.study.run import report_again, run_study
 from studies import SMALL, without_pages
@@ -12,6 +13,7 @@ STUDY = re.sub(r"kind = \"aies\".*?\n#", 'kind = "smc"\nparticles = 60\nsteps = 
 )
 
 
+@pytest.mark.slow
 def test_a_study_whose_parameters_drift(tmp_path):
     (tmp_path / "study.toml").write_text(STUDY)
     outcome = run_study(tmp_path / "study.toml", tmp_path / "out")

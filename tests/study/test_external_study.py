@@ -31,6 +31,7 @@ def folder(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_runs_then_a_calibration_then_the_page_again(folder):
     (folder / "study.toml").write_text(STUDY.replace("steps = 20", "steps = 8"))
     outcome = run_study(folder / "study.toml", folder / "out", executor="processes:2")

@@ -33,6 +33,7 @@ def study(tmp_path):
     return tmp_path / "study.toml"
 
 
+@pytest.mark.slow
 def test_records_of_rising_strength_and_the_page_again(study):
     folder = study.parent / "out"
     outcome = run_study(study, folder)

@@ -40,6 +40,7 @@ def test_a_model_that_is_wrong_drifts_and_the_page_says_so(tmp_path):
     assert again.law_choice.sentence == choice.sentence
 
 
+@pytest.mark.slow
 def test_a_certified_calibration_chooses_once_its_surrogate_is_good(tmp_path):
     text = shortened(PACKAGED).replace('kind = "iid"', 'kind = "auto"').replace("true_runs = 500", "true_runs = 700")
     text = text.replace(

@@ -54,6 +54,7 @@ def test_a_loop_gives_priors_that_hold_the_truth(study):
     assert "The loop's initial stiffness is" in done.stdout and "Its alpha is" in done.stdout, done.stderr
 
 
+@pytest.mark.slow
 def test_the_page_shows_the_loop_and_its_lines(study):
     path = study()
     outcome = run_study(path, path.parent / "out")

@@ -117,6 +117,7 @@ def test_the_specimen_is_found_again(run):
     assert low * 0.995 < learnt.prediction.peak < high * 1.005
 
 
+@pytest.mark.slow
 def test_a_certified_posterior(tmp_path):
     """By a surrogate, and runs of the model itself at fresh draws."""
     outcome = run_programme(written(tmp_path, CERTIFIED), tmp_path / "out")
@@ -167,6 +168,7 @@ def test_a_programme_goes_on(tmp_path):
     assert again.learnt is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", packaged.PROGRAMMES)
 def test_a_packaged_programme_can_work(name):
     found = check_programme(Path(packaged.__file__).parent / "templates" / f"{name}.toml")
@@ -229,6 +231,7 @@ def test_files_of_programmes_are_known():
     assert not is_programme({"model": {}, "parameters": {}})
 
 
+@pytest.mark.slow
 def test_a_filter_that_is_too_sure_is_called_so(tmp_path):
     """Told that forces are a hundred times less noisy than they are, it is many of its own standard deviations off."""
     right = 'force_noise = "'
@@ -266,6 +269,7 @@ def test_a_new_programme_and_its_check(tmp_path):
     assert structid("hybrid", "mine.toml", cwd=tmp_path).returncode == 2  # --out is missing
 
 
+@pytest.mark.slow
 def test_two_terminals(tmp_path):
     """A server of its own, the tests against it, and its thirty checks."""
     path, secret, port = written(tmp_path, ALONE), written(tmp_path, SECRET, "secret"), free_port()

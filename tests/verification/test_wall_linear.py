@@ -1,6 +1,7 @@
 """Walls in the limit in which they are linear: a cantilever by beam theory, small motions by modal superposition."""
 
 import numpy as np
+import pytest
 import scipy
 
 import structid as si
@@ -73,6 +74,7 @@ def by_modes(record):
     return drift
 
 
+@pytest.mark.slow
 def test_small_motions_are_those_of_modes():
     """At a ten-thousandth of the record joints are linear; what is left is the step's error, of second order."""
     record = si.GroundMotion.synthetic(seed=3).lowpass(20.0).trim(4.0, 5.5)

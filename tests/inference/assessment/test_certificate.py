@@ -149,6 +149,7 @@ def long_tail(slope):
     return lambda theta, rng: np.log1p(slope * ((theta[:, 0] - 1.0) ** 2 - 1.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("weight", "least", "most"), [
     (rough(0.03), 0.95, 1.0), (long_tail(0.026), 0.0, 0.05), (long_tail(0.04), 0.0, 0.05),
 ])  # fmt: skip

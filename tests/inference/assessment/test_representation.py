@@ -55,6 +55,7 @@ def test_modes_of_two_widths(dimension):
     np.testing.assert_allclose(found.shares_again, 0.5, atol=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_a_narrow_heavy_mode_at_a_known_point(seed):
     """Particles from the prior have lost it; a true run lies in it."""

@@ -73,6 +73,7 @@ def wide(dimension=4):
     return LogDensity(lambda x: -0.5 * ((x @ factor) ** 2).sum(axis=1), space.names, space)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 8])
 def test_as_it_comes_it_converges_from_a_wide_prior(dimension):
     verdict = si.sample(wide(dimension), si.AIES(), seed=1).verdict()

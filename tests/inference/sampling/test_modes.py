@@ -158,6 +158,7 @@ def test_a_run_that_begins_again_is_killed_and_goes_on_to_the_same_bits(tmp_path
     np.testing.assert_array_equal(longer.history[:5], whole.history)
 
 
+@pytest.mark.slow
 def test_particles_that_have_not_reached_the_neck_of_a_funnel_say_so():
     result = si.sample(funnel(10), replace(SMALL, steps=60), seed=1)
     assert not result.verdict().converged
