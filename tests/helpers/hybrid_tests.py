@@ -80,10 +80,15 @@ def _work(function, arguments, said):
 
 
 class Processes:
-    """Server and client, each a process. They come from one that has imported everything, which takes seconds."""
+    """Server and client, each a process. They come from one that has imported the package, which takes seconds.
+
+    It does not import this module, which it could not find: Python 3.11's server of forks does not look where its parent does.
+    """
 
     children = multiprocessing.get_context("forkserver")
-    children.set_forkserver_preload(["hybrid_tests"])
+    children.set_forkserver_preload(
+        ["structid.hybrid.benchmark", "structid.hybrid.hybrid_test", "structid.hybrid.server"]
+    )
 
     def __init__(self, folder, limit=0, remote=True):
         self.folder, self.store = folder, folder / "test.h5"
