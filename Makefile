@@ -21,11 +21,11 @@ demo: $(READY)
 	$(BIN)/structid demo --out demo
 
 test: $(READY)
-	@echo "Tests of behaviour, several files at a time, without those that take minutes (make test-slow) and without style (make lint):"
+	@echo "Tests of behaviour, several files at a time, without whole studies and what else takes long (make test-slow) and without style (make lint):"
 	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
-	@echo "Statistics, kills, examples and quick runs of every benchmark, several tests at a time:"
+	@echo "Whole studies, statistics, kills, examples and quick runs of every benchmark, several tests at a time:"
 	$(ONE_THREAD) $(BIN)/pytest $(TAKEN_OVER) -q -m slow
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.
