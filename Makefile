@@ -11,9 +11,9 @@ SIDE_BY_SIDE := $(WORKERS) --dist loadfile
 TAKEN_OVER := $(WORKERS) --dist worksteal
 # Every core has its worker: threads of the linear algebra would only wait for one another.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1
-# Compiling was half of the quick tests' time: XLA's plainest code compiles three times as fast. The slow tests run for longer than
-# they compile: only LLVM's code of long loops, and that of benchmarks, is the plainest there (tests/helpers/plain_code.py).
-PLAIN_COMPILER := XLA_FLAGS="$$($(BIN)/python -c 'import sys; sys.path.append("tests/helpers"); import plain_code; print(plain_code.XLA_FLAGS)')"
+# Compiling was half of the time of the quick tests, and a quarter of that of the slow ones: how both compile is
+# in tests/helpers/plain_code.py.
+COMPILING := $(BIN)/python -c 'import sys; sys.path.append("tests/helpers"); import plain_code; print(getattr(plain_code, sys.argv[1]))'
 
 .PHONY: demo test test-slow docs package lint format bench lock clean
 
@@ -22,11 +22,11 @@ demo: $(READY)
 
 test: $(READY)
 	@echo "Tests of behaviour, several files at a time, without whole studies and what else takes long (make test-slow) and without style (make lint):"
-	$(ONE_THREAD) $(PLAIN_COMPILER) $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
+	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) QUICK_TESTS)" $(BIN)/pytest $(SIDE_BY_SIDE) -q -m "not slow"
 
 test-slow: $(READY)
 	@echo "Whole studies, statistics, kills, examples and quick runs of every benchmark, several tests at a time:"
-	$(ONE_THREAD) $(BIN)/pytest $(TAKEN_OVER) -q -m slow
+	$(ONE_THREAD) XLA_FLAGS="$$($(COMPILING) SLOW_TESTS)" $(BIN)/pytest $(TAKEN_OVER) -q -m slow
 
 # The site: its examples are executed, a warning is an error, and no network is needed once the tools are installed.
 docs: $(VENV)/ready-docs
