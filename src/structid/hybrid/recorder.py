@@ -14,7 +14,7 @@ import os
 import struct
 import threading
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -122,6 +122,17 @@ def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
     """
     left = (entry for tail in tails_of(store) for entry in _rows_left_in(tail))
     return {number: np.frombuffer(row, dtype="<f8") for number, row in left}
+
+
+def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.ndarray]]) -> dict[str, Any]:
+    """Add the rows of a journal's entries; what the recorder was told about rows, empty where no entry says it."""
+    about: dict[str, Any] = {}
+    for entry in entries:
+        if "about" in entry:
+            about = json.loads(entry["about"].tobytes())
+        else:
+            rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
+    return about
 
 
 class Recorder:
@@ -265,17 +276,12 @@ class Following:
         ndarray, shape (row, width)
             In their order; none where nothing has come, or the recording has been put into its store.
         """
-        rows: dict[int, np.ndarray] = {}
         try:
             rows = _rows_in_tails(self.store)
             entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
-            for entry in entries:
-                if "about" in entry:
-                    self.about = json.loads(entry["about"].tobytes())
-                else:
-                    rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
         except FileNotFoundError:
-            pass
+            return np.zeros((0, 0))
+        self.about = _added_to(rows, entries) or self.about
         found = []
         while self.count in rows:
             found.append(rows[self.count])
@@ -304,13 +310,8 @@ def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
     path = journal_of(store)
     if not path.exists():
         raise InputError(f"store {store}", "no recording is there", "the store of a hybrid test")
-    about: dict[str, Any] = {}
     rows = _rows_in_tails(store)
-    for entry in Journal.read(path):
-        if "about" in entry:
-            about = json.loads(entry["about"].tobytes())
-        else:
-            rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
+    about = _added_to(rows, Journal.read(path))
     if sorted(rows) != list(range(len(rows))):
         missing = next(k for k in range(len(rows)) if k not in rows)
         raise InputError(f"store {store}", f"row {missing} is missing", "a whole recording")
