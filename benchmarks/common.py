@@ -24,7 +24,7 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 import numpy as np  # noqa: E402
 
 import structid as si  # noqa: E402
-from structid.models.hysteretic_parameters import parameter_unit  # noqa: E402
+from structid.models.hysteretic.hysteretic_parameters import parameter_unit  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 EL_CENTRO = ROOT.parent / "shared" / "data" / "strong_motion" / "RSN6_IMPVALL.I_I-ELC180.AT2"

@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 
 import structid as si
-from structid.calibration.fitted_to_draws import ValuesAtDraws
-from structid.calibration.stein_identity import not_its_draws
-from structid.inference.assessment.monte_carlo_error import MonteCarloError
+from structid.certification.external.draws_without_density import ValuesAtDraws
+from structid.certification.external.stein_identity import not_its_draws
+from structid.certification.monte_carlo_error import MonteCarloError
 
 NAME = "draws_by_values"
 SEEDS = 12

@@ -20,12 +20,12 @@ import numpy as np
 import opensees_wall
 
 import structid as si
-from structid.device import over_runs
-from structid.fem.assembly import Assembly
-from structid.fem.dense_newton import DenseWall, simulate
+from structid.engine.device import over_runs
+from structid.engine.lanes import machine
+from structid.engine.slopes import with_slopes
 from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
-from structid.mechanics.lanes import machine
-from structid.mechanics.slopes import with_slopes
+from structid.models.masonry.equations.dense_newton import DenseWall, simulate
+from structid.models.masonry.finite_elements.assembly import Assembly
 
 NAME = "facade"
 STEP = 1e-3

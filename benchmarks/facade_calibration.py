@@ -15,7 +15,7 @@ from facade import BOX, COORDINATES, MONITORED, el_centro
 from scipy.special import ndtri
 
 import structid as si
-from structid.inference.assessment.prediction import predict
+from structid.inference.prediction.prediction import predict
 
 NAME = "facade_calibration"
 NOISE = 0.02

@@ -13,7 +13,7 @@ import numpy as np
 from facade import BOX, COORDINATES, MONITORED, el_centro, wall
 
 import structid as si
-from structid.surrogates.narx.candidate_terms import prony_terms
+from structid.surrogates.narx.structure.candidate_terms import prony_terms
 
 NAME = "facade_narx"
 LIMIT, STANDS_UNTIL = 0.13, 2.36

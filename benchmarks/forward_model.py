@@ -17,7 +17,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import structid as si
-from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS
+from structid.models.hysteretic.hysteretic_parameters import DEFAULT_SUBSTEPS
 
 NAME = "forward_model"
 DURATION, PGA = 48.0, 3.59

@@ -21,7 +21,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.errors import StructidError
+from structid.core.errors import StructidError
 from structid.study.plausibility import plausibility
 from structid.study.run import load
 

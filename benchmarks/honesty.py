@@ -15,8 +15,8 @@ import common
 import numpy as np
 
 import structid as si
-from structid.inference.assessment.parameter_drift import drift_of
-from structid.inference.assessment.prediction import predict
+from structid.inference.prediction.parameter_drift import drift_of
+from structid.inference.prediction.prediction import predict
 
 NAME = "honesty"
 MASS, DAMPING_RATIO, GAMMA_RATIO = 12_000.0, 0.03, 0.5

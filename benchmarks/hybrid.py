@@ -26,15 +26,15 @@ import numpy as np
 import opensees_frame
 
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.benchmark import MASS, STIFFNESS, pulse, two_floor_frame, two_floors
-from structid.hybrid.coupling import Coupling
-from structid.hybrid.delay import critical_delay
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.gravouil_combescure import GravouilCombescure
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.remote import RemoteSpecimen
-from structid.hybrid.specimen import Reading
+from structid.hybrid.control.delay import critical_delay
+from structid.hybrid.coupling.base import Coupling
+from structid.hybrid.coupling.coupling_benchmark import MASS, STIFFNESS, pulse, two_floor_frame, two_floors
+from structid.hybrid.coupling.gravouil_combescure import GravouilCombescure
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.remote import RemoteSpecimen
+from structid.hybrid.laboratory.specimen import Reading
+from structid.hybrid.substructures.frame_parts import cut_frame
 from structid.report.live import live
 
 NAME = "hybrid"
@@ -51,10 +51,10 @@ PRINTED: list[tuple[str, Coupling, bool, tuple[float, float, float]]] = [
 """Peaks of u₁, u₂ [m] and Λ [N] of an earlier program of the same equations."""
 SERVER = """
 import sys
-from structid.hybrid.benchmark import two_floor_frame
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.server import SpecimenServer
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.coupling.coupling_benchmark import two_floor_frame
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.hybrid.laboratory.server import SpecimenServer
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
 _, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
 server = SpecimenServer(SimulatedSpecimen(lower.force, stiffness=lower.stiffness), sys.argv[1], port=int(sys.argv[2]))
 print(server.address, flush=True)
@@ -217,10 +217,10 @@ step solved at once (`tests/verification/test_partitioned.py`) give 2.29680806e-
 {common.markdown_table(PEAKS, results["peaks"])}
 
 OpenSees' Newmark integration of the frame in one piece: {results["opensees"]}. ss = 1 equals the assembled method to 1e-10 for any
-split, α and interface (`tests/hybrid/test_couplings.py`).
+split, α and interface (`tests/hybrid/coupling/test_couplings.py`).
 
 Orders of the largest error over 0.8 s, from Δt = 0.01 to 0.005 s; the first half second is a pulse. (Of the error at 2 s, by
-shorter steps, GC has 1.0 ± 0.06, PH 2.0 ± 0.05 with 1, 2, 10 and 100 substeps: `tests/hybrid/test_couplings.py`.)
+shorter steps, GC has 1.0 ± 0.06, PH 2.0 ± 0.05 with 1, 2, 10 and 100 substeps: `tests/hybrid/coupling/test_couplings.py`.)
 
 {common.markdown_table(["coupling", "law", "ss", "fine part", "order"], results["orders"])}
 

@@ -15,18 +15,18 @@ import numpy as np
 from one_mass import OMEGA, RATIO, SCALE, growth, one_mass_test
 
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.benchmark import pulse, two_floor_frame
-from structid.hybrid.compensation import AdaptiveTimeSeries, PolynomialExtrapolation
-from structid.hybrid.coupling import Coupling
-from structid.hybrid.delay import critical_delay
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.gravouil_combescure import GravouilCombescure
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.stability import free_oscillations, spectral_radius
-from structid.hybrid.transfer import Actuator, Sensor
-from structid.hybrid.whole_structure import WholeStructure
+from structid.hybrid.control.compensation import AdaptiveTimeSeries, PolynomialExtrapolation
+from structid.hybrid.control.delay import critical_delay
+from structid.hybrid.control.transfer_system import Actuator, Sensor
+from structid.hybrid.coupling.base import Coupling
+from structid.hybrid.coupling.coupling_benchmark import pulse, two_floor_frame
+from structid.hybrid.coupling.gravouil_combescure import GravouilCombescure
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.coupling.stability import free_oscillations, spectral_radius
+from structid.hybrid.coupling.whole_structure import WholeStructure
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.substructures.frame_parts import cut_frame
 
 NAME = "hybrid_limits"
 FIRST = 2.0 * np.pi / 15.553514
@@ -160,7 +160,7 @@ in the first mode [%]:
 The filter that follows a specimen online (packaged programme, once): at the end of test #3 it is 0.4 to 3.7 of its own standard
 deviations away from the certified posterior of the same tests, six parameters, and is called overconfident in the one beyond three.
 
-Faults (`tests/hybrid/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
+Faults (`tests/hybrid/recording/test_faults.py`, `test_wire.py`), each at twenty random moments of a test: client killed, specimen
 killed, hung and woken up again, its answer not finite, its cable out, its answer late, a disk that takes nothing more. In all
 140 no finished step is lost, the test ends within its time-outs, and the specimen holds its last accepted position. 1000
 frames of noise and of changed greetings, every seventh and thirty random bytes of a session's own signed move changed, 200

@@ -19,8 +19,8 @@ import common
 import numpy as np
 
 import structid as si
-from structid.device import over_runs
-from structid.mechanics.lanes.machine import engine, lanes, processor
+from structid.engine.device import over_runs
+from structid.engine.lanes.machine import engine, lanes, processor
 
 NAME = "lanes"
 DURATION, PGA = 40.0, 1.8

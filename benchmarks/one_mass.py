@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.compensation import Compensation
+from structid.hybrid.control.compensation import Compensation
+from structid.hybrid.control.transfer_system import Actuator
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
 from structid.hybrid.hybrid_result import HybridResult
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.substructure import Substructure
-from structid.hybrid.transfer import Actuator
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.substructures.substructure import Substructure
 from structid.mechanics.restoring_forces import LinearForce
 
 STIFFNESS, MASS, RATIO, SCALE = 7.6e6, 12e3, 0.03, 10.0

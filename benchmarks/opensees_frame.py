@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.hybrid.benchmark import DAMPING_RATIO, MASS, STIFFNESS, pulse
+from structid.hybrid.coupling.coupling_benchmark import DAMPING_RATIO, MASS, STIFFNESS, pulse
 
 DT, STEPS = 0.01, 200
 

@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.fem.assembly import Assembly
 from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw, JointResponse, SmcNp2
+from structid.models.masonry.finite_elements.assembly import Assembly
 
 REACH = 12.0
 """Characteristic lengths up to which the curves of the joints are given; straight lines between so many points."""

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import structid as si
-from structid.inference.assessment import diagnostics
+from structid.inference import convergence as diagnostics
 from structid.mechanics.runge_kutta import runge_kutta_4
 
 Quantities = Callable[[np.ndarray], dict[str, np.ndarray]]

@@ -15,8 +15,8 @@ import scipy
 from attacks import boxed
 
 import structid as si
-from structid.inference.assessment.certificate import judged
-from structid.inference.assessment.fresh_draws import FreshDraws, StoredRuns
+from structid.certification.certificate import judged
+from structid.certification.fresh_draws import FreshDraws, StoredRuns
 
 NAME = "power"
 DIMENSIONS = (4, 10)

@@ -15,7 +15,7 @@ import common
 import numpy as np
 
 import structid as si
-from structid.models.hysteretic_parameters import DEFAULT_SUBSTEPS
+from structid.models.hysteretic.hysteretic_parameters import DEFAULT_SUBSTEPS
 
 NAME = "reference_inversion"
 DURATION, WALKERS, STEPS = 40.0, 100, 700
@@ -79,8 +79,8 @@ def growth_with_walkers(repeats: int, steps: int) -> Growth:
 
 def growth_with_storeys(repeats: int, steps: int) -> Growth | None:
     """Time shear frames of the same springs, the top velocity observed; None where there is no such model."""
-    if find_spec("structid.models.shear_frame") is None:
-        print("skipped: growth with storeys, there is no structid.models.shear_frame")
+    if find_spec("structid.models.hysteretic.shear_frame") is None:
+        print("skipped: growth with storeys, there is no structid.models.hysteretic.shear_frame")
         return None
     calls = {n: inversion(frame_posterior(n), WALKERS, steps) for n in STOREY_COUNTS}
     return growth("storeys", calls, repeats)
@@ -88,7 +88,7 @@ def growth_with_storeys(repeats: int, steps: int) -> Growth | None:
 
 def frame_posterior(storeys: int) -> si.Posterior:
     """Return the posterior of a frame without degradation, its springs alike, given one that degrades."""
-    from structid.models.shear_frame import ShearFrame
+    from structid.models.hysteretic.shear_frame import ShearFrame
 
     record = common.study_record(DURATION, common.STUDY_PGA)
     settings = {

@@ -21,7 +21,7 @@ from numpyro.infer import MCMC
 from numpyro.infer.ensemble import AIES as NumPyroAIES
 
 import structid as si
-from structid.inference.assessment import diagnostics
+from structid.inference import convergence as diagnostics
 from structid.inference.target import Target
 
 NAME = "samplers"

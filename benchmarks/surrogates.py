@@ -20,9 +20,9 @@ import common
 import numpy as np
 
 import structid as si
-from structid.surrogates.narx.candidate_terms import absolute_terms
 from structid.surrogates.narx.narx_fit import NARXFit
-from structid.surrogates.narx.training import refined_coefficients
+from structid.surrogates.narx.structure.candidate_terms import absolute_terms
+from structid.surrogates.narx.training.least_squares import refined_coefficients
 
 NAME = "surrogates"
 PEERS = common.ROOT.parent / "shared" / "peers"

@@ -16,7 +16,7 @@ from structid.figures import passages as passage_figures
 from structid.study.packaged import template
 from structid.study.programmes.planned_programme import planned
 from structid.study.programmes.programme_file import programme_file
-from structid.surrogates.narx.candidate_terms import prony_terms
+from structid.surrogates.narx.structure.candidate_terms import prony_terms
 
 LIMIT, STANDS_UNTIL = 0.13, 2.36
 """Runs that pass this drift [m] before this time [s] are left out of the NARX, as in the thesis."""

@@ -17,7 +17,7 @@ from thesis_rows import Chapter, Clock, Row, el_centro, figures_folder, interval
 import structid as si
 from structid.figures import posterior as figures
 from structid.figures.response import bands
-from structid.surrogates.narx.candidate_terms import absolute_terms
+from structid.surrogates.narx.structure.candidate_terms import absolute_terms
 
 THESIS_PGA = 3.59
 """Of the thesis's record [m/s²]."""

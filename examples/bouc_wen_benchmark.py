@@ -39,7 +39,7 @@ import scipy.signal
 
 import structid as si
 from structid.figures.style import ACCENT, MEASURED, MODEL, canvas
-from structid.models.bouc_wen_benchmark import benchmark_parameters
+from structid.models.hysteretic.bouc_wen_benchmark import benchmark_parameters
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data" / "bouc_wen_benchmark"

@@ -22,8 +22,8 @@ import numpy as np
 import scipy.io
 
 import structid as si
-from structid.surrogates.narx.candidate_terms import absolute_terms, polynomial_terms
 from structid.surrogates.narx.parametric_narx import ParametricNARX
+from structid.surrogates.narx.structure.candidate_terms import absolute_terms, polynomial_terms
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "bouc_wen_benchmark"
 SAMPLING_RATE, PERIOD = 750.0, 8192

@@ -32,15 +32,15 @@ Rule = Callable[[], Iterator[str]]
 
 # --- files of the package -------------------------------------------------------------------------------------------
 
-SAME_MEANING = ("__init__.py", "__main__.py", "face.py", "kind.py")
-"""Files that mean the same in every room: what its things look like from outside, and what a kind of them says of itself."""
+SAME_MEANING = ("__init__.py", "__main__.py", "base.py")
+"""Files that mean the same in every room: the interface of its things."""
 
 VIEWS = ("figures", "commands", "sections")
 """Rooms whose files are called by what they show or run."""
 
 CONCRETE = {
     "models": {"BoucWen", "ShearFrame"},
-    "solvers": {"ExternalModel", "CallableModel", "ProgramModel", "UMBridgeModel"},
+    "external": {"ExternalModel", "CallableModel", "ProgramModel", "UMBridgeModel"},
     "surrogates": {
         "Surrogate", "ResponseSpaceSurrogate", "ParametricNARX", "NARXWithRest", "PODKriging", "PODPCE", "PCNARX",
         "KrigingNARX", "CorrectedNARX", "NARX", "KrigingPredictor", "ChaosExpansion",
@@ -90,7 +90,7 @@ def rooms_keep_their_classes() -> Iterator[str]:
 
 def studies_name_no_surrogate() -> Iterator[str]:
     """A kind of surrogate says what it can; the loop, a study and its files do not ask for its name."""
-    listed = (SRC / "surrogates" / "storage.py", SRC / "surrogates" / "face.py", SRC / "calibration" / "sequential.py")
+    listed = (SRC / "surrogates" / "storage.py", SRC / "surrogates" / "base.py", SRC / "calibration" / "sequential.py")
     for file in (*SRC.glob("study/**/*.py"), *listed):
         code = re.sub(r'"""[\s\S]*?"""|#[^\n]*', "", file.read_text(encoding="utf-8"))
         if found := SURROGATE_KINDS.search(code):
@@ -146,7 +146,7 @@ def documented_parameters(doc: str) -> list[str] | None:
 
 def parameters_of(name: str, thing: type | FunctionType) -> list[str] | None:
     """Names of the arguments that a docstring should describe; None where it need not describe them."""
-    if name == "structid.cli.about" or re.fullmatch(r"structid\.commands\.(\w+)\.\1", name):
+    if name == "structid.cli.main.about" or re.fullmatch(r"structid\.cli\.commands\.(\w+)\.\1", name):
         return None  # the options document themselves in --help
     if inspect.isclass(thing):
         if thing.__init__ is object.__init__ or issubclass(thing, (Exception, tuple)) or inspect.isabstract(thing):
@@ -286,7 +286,7 @@ def options(command: Callable[..., object]) -> set[str]:
 
 def shell_lines_exist() -> Iterator[str]:
     """Commands on a page, and their options, are there."""
-    from structid.commands.command_list import COMMANDS
+    from structid.cli.commands.command_list import COMMANDS
 
     known = {command.__name__: command for command in COMMANDS}
     for page, text in pages().items():

@@ -8,8 +8,8 @@ from page_file import write_page_file
 from sphinx.application import Sphinx
 from typer.testing import CliRunner
 
-from structid.cli import application
-from structid.commands.command_list import COMMANDS
+from structid.cli.commands.command_list import COMMANDS
+from structid.cli.main import application
 
 PAGE = "reference/names/command_line.md"
 

@@ -18,7 +18,7 @@ import pydantic
 from page_file import write_page_file
 from pydantic_core import PydanticUndefined
 
-from structid.keys import Section
+from structid.core.keys import Section
 from structid.study.programmes.programme_file import programme_file
 from structid.study.schema.problems import _tables
 from structid.study.schema.study_file import study_file

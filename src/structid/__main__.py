@@ -1,6 +1,6 @@
 """``python -m structid``: the command line."""
 
-from structid.cli import main
+from structid.cli.main import main
 
 if __name__ == "__main__":
     main()

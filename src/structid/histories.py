@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.channels import ChannelUnit, standard_unit
-from structid.errors import InputError, Status, check_choice
-from structid.units import factor
+from structid.core.channels import ChannelUnit, standard_unit
+from structid.core.errors import InputError, Status, check_choice
+from structid.core.units import factor
+from structid.core.validation import check_arguments
 
 if TYPE_CHECKING:
     import xarray

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments, check_name
-from structid.channels import ChannelUnit, declared_unit, standard_unit
-from structid.device import jnp
-from structid.errors import InputError, check_choice, suggestion
+from structid.core.channels import ChannelUnit, declared_unit, standard_unit
+from structid.core.errors import InputError, check_choice, suggestion
+from structid.core.hashing import digest
+from structid.core.units import factor
+from structid.core.validation import check_arguments, check_name
+from structid.engine.device import jnp
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.readers import read_columns
-from structid.hashing import digest
 from structid.probability.truncation import Marginal
-from structid.units import factor
 
 NUISANCES = ("gain", "offset", "time_shift")
 """What an instrument may add of its own."""

@@ -57,10 +57,10 @@ def test_the_contract_stands():
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [
-        ("structid.cli", ("jax", "numpyro", "arviz", "matplotlib", "scipy")),
+        ("structid.cli.main", ("jax", "numpyro", "arviz", "matplotlib", "scipy")),
         # Every child process of a guarded solver imports it.
         (
-            "structid.solvers.external",
+            "structid.models.external.external",
             ("jax", "numpyro", "arviz", "matplotlib", "scipy.stats", "scipy.signal", "scipy.special"),
         ),
     ],

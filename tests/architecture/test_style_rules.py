@@ -28,7 +28,7 @@ def wrong_package(tmp_path, monkeypatch):
         (tmp_path / folder / ("solve.py" if folder != "study" else "kinds.py")).write_text(WRONG)
     (tmp_path / "study" / "kinds.py").write_text('"""Kinds."""\nKIND = "pod_kriging"\n')
     for file in (
-        *("surrogates/storage.py", "surrogates/face.py", "calibration/sequential.py"),
+        *("surrogates/storage.py", "surrogates/base.py", "calibration/sequential.py"),
         *("docs/bibliography.md", "tests/test_a.py"),
     ):
         (tmp_path / file).parent.mkdir(exist_ok=True)

@@ -9,13 +9,13 @@ from trial import new_command, new_discrepancy, new_model, new_section, new_surr
 
 import structid as si
 from commands import structid
-from structid.commands import command_list
-from structid.inference.assessment.robust_spread import robust_spread
-from structid.inference.likelihood import law_list
+from structid.cli.commands import command_list
+from structid.inference.diagnostics.robust_spread import robust_spread
+from structid.inference.error_models import error_model_list as law_list
+from structid.models import model_list
 from structid.report import section_list
-from structid.study.kinds import model_list
 from structid.study.run import run_study
-from structid.surrogates import registry
+from structid.surrogates import surrogate_list as registry
 
 STUDY = """
 name = "trial"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import CampaignStoppedError
+from structid.core.errors import CampaignStoppedError
 
 
 def test_a_model_of_which_no_run_finishes_stops_after_the_first_design():

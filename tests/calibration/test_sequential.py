@@ -8,14 +8,14 @@ import pytest
 from leaderboard_cases import two_modes
 
 import structid as si
-from structid.calibration import batch
-from structid.calibration.asked_limits import earlier_limits
-from structid.calibration.batch import beyond_the_runs, far_apart, next_batch
+from structid.calibration import next_runs as batch
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import _made_up as made_up_of
-from structid.calibration.nearness import EFFECTIVE_SHARE, LEAST, nearness
-from structid.errors import InputError, StoreMismatchError
-from structid.inference.assessment.limits import Limits
+from structid.calibration.next_runs import beyond_the_runs, far_apart, next_batch
+from structid.calibration.requested_limits import earlier_limits
+from structid.calibration.run_weights import EFFECTIVE_SHARE, LEAST, nearness
+from structid.certification.limits import Limits
+from structid.core.errors import InputError, StoreMismatchError
 
 EXPLORER = si.SMC(particles=80, ensembles=4, steps=8, effective_share=0.5, correlation=0.5)
 PLAN = si.Plan(true_runs=200, explorer=EXPLORER)
@@ -222,7 +222,7 @@ class Bad:
         """Fit as it should not be done."""
         good = si.PODKriging()
         if self.how == "biased":
-            from structid.runs import InMemory
+            from structid.campaign.runs import InMemory
 
             return good.fit(replace(runs, stored=InMemory(1.02 * runs.values)))
         if self.how in SMOOTH:

@@ -11,7 +11,7 @@ import solvers
 import structid as si
 from processes import alive, wait_until_gone
 from structid.campaign.executors import kept_open, mapping
-from structid.errors import CampaignStoppedError, InputError, Status
+from structid.core.errors import CampaignStoppedError, InputError, Status
 from waves import RECORD, SPACE, wave_model
 
 

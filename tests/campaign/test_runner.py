@@ -5,7 +5,7 @@ import pytest
 
 import solvers
 import structid as si
-from structid.errors import InputError, Status, StoreMismatchError
+from structid.core.errors import InputError, Status, StoreMismatchError
 from waves import RECORD, SHORT, SPACE, wave_model
 
 

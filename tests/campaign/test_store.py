@@ -16,7 +16,7 @@ import solvers
 import structid as si
 from structid.campaign import parts
 from structid.campaign import store as stores
-from structid.errors import InputError, StoreError, StoreMismatchError
+from structid.core.errors import InputError, StoreError, StoreMismatchError
 from waves import RECORD, SPACE, wave_model
 
 HELPERS = Path(__file__).parents[1] / "helpers"
@@ -118,7 +118,7 @@ def test_a_full_disk_stops_the_campaign_and_loses_nothing(tmp_path):
     script.write_text(
         textwrap.dedent("""
         import resource, sys, signal, numpy as np, structid as si, waves as t
-        from structid.errors import StoreError
+        from structid.core.errors import StoreError
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
         if len(sys.argv) > 2:
             resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))

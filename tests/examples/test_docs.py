@@ -28,7 +28,7 @@ def shell(tmp_path):
     """Runs a line of the page where the study is; what was left running in the background is killed at the end."""
     bin_folder = tmp_path / "bin"
     bin_folder.mkdir()
-    for name, module in (("structid", "structid.cli"), ("dask", "dask.__main__")):
+    for name, module in (("structid", "structid.cli.main"), ("dask", "dask.__main__")):
         script = bin_folder / name
         script.write_text(f"#!/bin/sh\nexec {sys.executable} -c 'from {module} import main; main()' \"$@\"\n")
         script.chmod(0o755)

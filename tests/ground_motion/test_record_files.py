@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.ground_motion.readers import read_columns
 
 VALUES = np.array([0.0123, -0.0456, 0.1, -0.25, 0.3, 0.0, -0.0789, 0.0005])

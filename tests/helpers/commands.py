@@ -6,8 +6,8 @@ import signal
 import sys
 from dataclasses import dataclass
 
-from structid import cli
-from structid.commands import screen
+from structid.cli import screen
+from structid.cli.main import main as cli
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def structid(*arguments, cwd):
     code = 0
     try:
         with contextlib.chdir(cwd), contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained):
-            cli.main()
+            cli()
     except SystemExit as ended:
         code = ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     finally:

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.benchmark import pulse, two_floor_frame
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
-from structid.hybrid.remote import RemoteSpecimen
-from structid.hybrid.server import SpecimenServer
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.transfer import Actuator, Sensor
+from structid.hybrid.control.transfer_system import Actuator, Sensor
+from structid.hybrid.coupling.coupling_benchmark import pulse, two_floor_frame
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.remote import RemoteSpecimen
+from structid.hybrid.laboratory.server import SpecimenServer
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.substructures.frame_parts import cut_frame
 
 SECRET = "a secret of both sides"
 DT, SCALE, SUBSTEPS = 0.01, 1.0, 10
@@ -51,7 +51,7 @@ def serve(port_file):
 
 def run(address, store, counter, limit):
     """Run the test, and count in a mapped file how many rows have been recorded; after `limit` rows, if any, no file may grow."""
-    from structid.hybrid import recorder
+    from structid.hybrid.recording import recorder
 
     recorder.TAIL_ROOM, recorder.ROWS_IN_TAIL = 2**18, 16
     with Path(counter).open("r+b") as file:
@@ -87,7 +87,11 @@ class Processes:
 
     children = multiprocessing.get_context("forkserver")
     children.set_forkserver_preload(
-        ["structid.hybrid.benchmark", "structid.hybrid.hybrid_test", "structid.hybrid.server"]
+        [
+            "structid.hybrid.coupling.coupling_benchmark",
+            "structid.hybrid.experiment",
+            "structid.hybrid.laboratory.server",
+        ]
     )
 
     def __init__(self, folder, limit=0, remote=True):

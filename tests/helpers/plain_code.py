@@ -5,7 +5,7 @@ import runpy
 import sys
 from pathlib import Path
 
-from structid.mechanics.lanes import machine
+from structid.engine.lanes import machine
 
 SLOW_TESTS = "" if sys.version_info >= (3, 12) else "--xla_cpu_use_fusion_emitters=false"
 """XLA's flags for what runs longer than it compiles: its older way of writing code takes a fifth of the time of a calibration off.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.solvers.protocol import SolverError
+from structid.models.external.protocol import SolverError
 
 
 def wave(parameters, record):

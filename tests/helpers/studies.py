@@ -5,7 +5,8 @@ import dataclasses
 
 import pytest
 
-from structid.study import packaged, stage_list
+from structid.study import packaged
+from structid.study.stages import stage_list
 
 PACKAGED = packaged.template("bouc_wen").replace('kind = "auto"', 'kind = "iid"').replace("particles = 500\n", "")
 """With a law of the errors that need not be chosen, and the sampler as it comes."""

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError, StructidWarning
-from structid.hybrid.benchmark import pulse, two_floor_frame
-from structid.hybrid.compensation import AdaptiveTimeSeries, PolynomialExtrapolation
-from structid.hybrid.delay import critical_delay, critical_delay_of, growing_oscillations
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.core.errors import InputError, StructidWarning
+from structid.hybrid.control.compensation import AdaptiveTimeSeries, PolynomialExtrapolation
+from structid.hybrid.control.delay import critical_delay, critical_delay_of, growing_oscillations
+from structid.hybrid.control.transfer_system import Actuator
+from structid.hybrid.coupling.coupling_benchmark import pulse, two_floor_frame
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.laboratory.specimen import Specimen, SpecimenError
 from structid.hybrid.programme import Programme
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.specimen import Specimen, SpecimenError
-from structid.hybrid.substructure import Substructure
-from structid.hybrid.transfer import Actuator
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.hybrid.substructures.substructure import Substructure
 from structid.mechanics.restoring_forces import LinearForce
 
 pytestmark = pytest.mark.quick

@@ -5,23 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.ground_motion.excitation import CombinedExcitation
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.benchmark import LAW, two_floor_frame
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.control.transfer_system import Actuator, Sensor
+from structid.hybrid.coupling.coupling_benchmark import LAW, two_floor_frame
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.remote import RemoteSpecimen
+from structid.hybrid.laboratory.server import SpecimenServer
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.laboratory.specimen import Specimen, SpecimenError
 from structid.hybrid.programme import Programme, store_of
-from structid.hybrid.remote import RemoteSpecimen
-from structid.hybrid.server import SpecimenServer
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.specimen import Specimen, SpecimenError
-from structid.hybrid.transfer import Actuator, Sensor
-from structid.hybrid.virtual_test import VirtualHybridTest
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.hybrid.virtual_experiment import VirtualHybridTest
 from structid.mechanics.restoring_forces import CollapseError, LinearForce
-from structid.models.bouc_wen import BoucWen
-from structid.models.imposed_displacements import ImposedDisplacements
+from structid.models.hysteretic.bouc_wen import BoucWen
+from structid.models.hysteretic.imposed_displacements import ImposedDisplacements
 
 pytestmark = pytest.mark.quick
 SECRET = "a secret of both sides"
@@ -126,7 +126,7 @@ def test_the_whole_as_a_model_with_substeps(fine):
 def test_several_channels_are_one_excitation():
     rows = np.diag([2.0, 3.0, 4.0])
     moved = SimulatedSpecimen(LinearForce(rows), channels=("x", "y", "turn"), units=("m", "m", "rad"), stiffness=rows)
-    from structid.hybrid.substructure import Substructure
+    from structid.hybrid.substructures.substructure import Substructure
 
     upper = Substructure(np.eye(3), 0.1 * np.eye(3), 5.0 * np.eye(3), [0, 1, 2])
     lower = Substructure(np.eye(3), 0.1 * np.eye(3), rows, [0, 1, 2])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.assessment.comparison import leave_out
+from structid.inference.model_comparison.comparison import leave_out
 
 pytestmark = pytest.mark.quick
 

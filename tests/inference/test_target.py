@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 import structid as si
-from structid.inference.sampling.other_coordinates import InCoordinates
+from structid.inference.sampling.transformed_density import InCoordinates
 from structid.inference.target import LogDensity
 
 

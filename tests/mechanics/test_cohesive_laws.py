@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from structid.device import jnp
+from structid.engine.device import jnp
 from structid.mechanics.cohesive_laws import DamageFriction, SmcNp2, cohesive_law
 
 PHI_N, SIGMA, PHI_T, TAU = 5.5e3, 1.05e6, 4e5, 2e6

@@ -5,7 +5,7 @@ import pytest
 
 import structid as si
 from oscillators import DEGRADING
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.models.drifting_model import DriftingModel
 
 pytestmark = pytest.mark.quick

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from structid.device import jnp
+from structid.engine.device import jnp
 from structid.probability.bijections import Bijection, Scatter
 
 BOX = np.array([[0.0, 1.0], [2.0, np.inf], [-np.inf, np.inf], [-np.inf, 3.0], [-1e6, 7e6]])

@@ -7,7 +7,7 @@ import scipy.integrate
 import scipy.stats
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 
 def correlated():

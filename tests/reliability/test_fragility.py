@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import StoreMismatchError
+from structid.core.errors import StoreMismatchError
 from structid.reliability.corrected_share import corrected_share
 from structid.reliability.fragility import Fragility, _lognormal
 

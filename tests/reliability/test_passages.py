@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import Status
+from structid.core.errors import Status
 
 SPEEDS = np.array([0.5, 1.0, 2.0, 4.0])
 """Of straight lines y = v t."""

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from structid.figures.style import canvas, name_axes
-from structid.report.drawn import draw
-from structid.report.headline import Believed, Headline
-from structid.report.learnt_parameters import LearntParameter
+from structid.report.drawing.drawn_sections import draw
+from structid.report.material.learnt_parameters import LearntParameter
 from structid.report.page import template
+from structid.report.page_summary import Believed, Headline
 from structid.report.section import Picture, Section, Table
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -23,7 +23,7 @@ RUNS = 500
 SCRIPT = f"""
 import sys, numpy as np, structid as si, solvers
 from structid.campaign import store
-from structid.errors import StructidError
+from structid.core.errors import StructidError
 store.SEGMENT_BYTES = 150_000  # many segments in a short campaign
 space = si.ParameterSpace(a=si.Uniform(0.0, 1.0), b=si.Normal(5.0, 1.0, low=1.0))
 record = si.GroundMotion(np.sin(np.arange(300) * 0.05), 0.01, "sine")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.inference.sample import chain_identity
 from structid.inference.sampling.chain_store import ChainStore
 from studies import PLAIN, shortened
@@ -88,7 +88,7 @@ def test_a_killed_study_goes_on_to_the_same_draws(tmp_path):
     command = [
         sys.executable,
         "-c",
-        "from structid.cli import main; main()",
+        "from structid.cli.main import main; main()",
         "run",
         str(study),
         "--out",

@@ -8,8 +8,8 @@ import pandas
 import pytest
 
 import structid as si
-from structid.arguments import _Check, _spelt_out, real_array, real_number
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.validation import _Check, _spelt_out, real_array, real_number
 
 pytestmark = pytest.mark.quick
 

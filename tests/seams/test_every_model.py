@@ -14,9 +14,9 @@ import solvers
 import structid as si
 from package import concrete_subclasses
 from servers import serving_waves
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.models.base import Model
 from structid.models.drifting_model import DriftingModel
-from structid.models.face import Model
 
 RECORD = si.GroundMotion.synthetic(seed=8).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(2.0)
 OTHER = si.GroundMotion.synthetic(seed=9).lowpass(20.0).trim(3.0, 6.0).scale_to_pga(2.0)

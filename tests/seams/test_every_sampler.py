@@ -8,8 +8,8 @@ import pytest
 
 import structid as si
 from package import concrete_subclasses
-from structid.errors import StoreMismatchError
-from structid.inference.sampling.sampler import Sampler
+from structid.core.errors import StoreMismatchError
+from structid.inference.sampling.base import Sampler
 
 NAMES = ("a", "b", "c")
 COVARIANCE = np.array([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
@@ -18,7 +18,7 @@ SPACE = si.ParameterSpace(**{n: si.Normal(0.0, 5.0) for n in NAMES})
 
 def gaussian(shift=0.0):
     """Zero mean and unit variances, unless shifted."""
-    from structid.device import jnp  # in double precision from the first array on
+    from structid.engine.device import jnp  # in double precision from the first array on
 
     precision = jnp.asarray(np.linalg.inv(COVARIANCE))
     density = lambda theta: -0.5 * (theta - shift) @ precision @ (theta - shift)  # noqa: E731

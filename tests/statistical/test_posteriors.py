@@ -5,7 +5,7 @@ import pytest
 
 import structid as si
 from oscillators import DEGRADING
-from structid.inference.assessment import diagnostics
+from structid.inference import convergence as diagnostics
 
 pytestmark = pytest.mark.slow
 

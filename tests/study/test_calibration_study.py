@@ -7,7 +7,7 @@ import pytest
 
 from commands import structid
 from structid.calibration import final_draws
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN, shortened
 

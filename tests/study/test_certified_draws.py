@@ -8,8 +8,8 @@ import pytest
 
 import structid as si
 from commands import structid
-from structid.inference.assessment.correction import Correction
-from structid.report.certificate_material import CertificateMaterial
+from structid.certification.correction import Correction
+from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.page import write_certificate_report
 from structid.study.run import load
 from studies import PLAIN, shortened

@@ -5,8 +5,8 @@ import shutil
 
 import pytest
 
-from structid import cli
-from structid.errors import InputError
+from structid.cli.main import main as cli
+from structid.core.errors import InputError
 from structid.study.compare import compare_studies
 from structid.study.run import run_study
 from structid.study.simulated_replicas import check_by_simulation
@@ -60,7 +60,7 @@ def test_the_study_that_degrades_wins_where_the_structure_does(studies):
 def test_on_the_command_line(studies, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["structid", "compare", str(studies / "simple"), str(studies / "degrading")])
     with pytest.raises(SystemExit):
-        cli.main()
+        cli()
     said = capsys.readouterr().out
     assert "log Bayes factor" in said and "degrading" in said and "unexplained" in said
 
@@ -84,7 +84,7 @@ def test_a_study_is_checked_by_simulation(tmp_path, monkeypatch, capsys):
     arguments = ["structid", "sbc", str(tmp_path / "study.toml"), "--replicas", "20", "--out", str(tmp_path / "sbc")]
     monkeypatch.setattr("sys.argv", arguments)
     with pytest.raises(SystemExit) as ended:
-        cli.main()
+        cli()
     said = capsys.readouterr().out
     assert ended.value.code in (0, 3) and "90 % holds" in said and (tmp_path / "sbc" / "sbc.png").is_file()
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.inference.law_choice import EXPLORER, usual_laws
+from structid.inference.error_model_choice import EXPLORER, usual_laws
 from structid.study.cost import Cost, Part, estimate
 from structid.study.run import load
-from structid.study.stages.law_of_errors import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
+from structid.study.stages.error_model_stage import FOR_CORRELATED_ERRORS, WITH_HIDDEN_VALUES, sampler_under
 from studies import PLAIN, SMALL
 
 AUTO = SMALL.replace('kind = "iid"', 'kind = "auto"')

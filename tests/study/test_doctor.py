@@ -3,7 +3,7 @@
 import pytest
 
 from commands import structid
-from structid.mechanics.lanes import machine
+from structid.engine.lanes import machine
 
 
 @pytest.fixture(autouse=True)

@@ -3,7 +3,7 @@
 import pytest
 
 from commands import structid
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.run import load
 from studies import SMALL, without_pages
 

@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from commands import structid
-from structid.errors import InputError, Status
+from structid.core.errors import InputError, Status
 from structid.study import packaged
 from structid.study.run import load, report_again, run_study
 from studies import PLAIN, without_pages

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from structid.errors import InputError, StructidError
+from structid.core.errors import InputError, StructidError
 from structid.study.plausibility import plausibility
 from structid.study.run import load
 from studies import SMALL

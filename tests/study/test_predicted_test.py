@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.benchmark import LAW, two_floor_frame
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.virtual_test import VirtualHybridTest
-from structid.models.bouc_wen import BoucWen
-from structid.report.programme_material import PredictedTest
+from structid.hybrid.coupling.coupling_benchmark import LAW, two_floor_frame
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.hybrid.virtual_experiment import VirtualHybridTest
+from structid.models.hysteretic.bouc_wen import BoucWen
+from structid.report.material.programme_material import PredictedTest
 from structid.study.programmes.learnt_of_tests import followed_in_pieces
 
 pytestmark = pytest.mark.quick

@@ -9,9 +9,9 @@ import pytest
 
 from commands import structid
 from servers import free_port, listening
-from structid.errors import InputError
-from structid.hybrid.result_file import open_hybrid
-from structid.hybrid.server import SpecimenServer
+from structid.core.errors import InputError
+from structid.hybrid.laboratory.server import SpecimenServer
+from structid.hybrid.recording.result_file import open_hybrid
 from structid.study import packaged
 from structid.study.programmes.programme_file import is_programme
 from structid.study.programmes.run_programme import (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from commands import structid
-from structid.errors import StoreMismatchError
+from structid.core.errors import StoreMismatchError
 from structid.study import packaged
 from structid.study.folder import IDENTITY, STUDY, left_as_it_was
 from structid.study.run import load, report_again, run_study

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study import packaged
 from structid.study.building.study import build
 from structid.study.run import load, run_study

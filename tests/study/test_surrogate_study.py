@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.run import load, run_study
 from structid.study.schema.study_file import study_file
-from structid.surrogates import registry
+from structid.surrogates import surrogate_list as registry
 from structid.surrogates.chaos.pce import PCE
 from studies import PACKAGED, PLAIN, shortened, without_pages
 

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError, StructidWarning
-from structid.surrogates.registry import load_surrogate
+from structid.core.errors import InputError, StructidWarning
+from structid.surrogates.surrogate_list import load_surrogate
 
 RECORD = si.GroundMotion.synthetic(seed=3).trim(3.0, 5.0)
 SPACE = si.ParameterSpace(stiffness=si.Normal(7.4, 0.5, low=5.0, high=10.0, unit="kN/mm"))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.surrogates.in_coordinates import InCoordinates, fitted_in_coordinates
 
 PRIORS = dict(energy=si.Uniform(1.0, 10.0), strength=si.Uniform(0.5, 2.0))

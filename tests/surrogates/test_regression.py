@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.device import jnp
+from structid.engine.device import jnp
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.regression import Regression

@@ -10,7 +10,7 @@ import scipy.signal
 
 import structid as si
 from oscillators import DEGRADING
-from structid.errors import InputError, Status
+from structid.core.errors import InputError, Status
 from structid.ground_motion.processing import integrate
 
 NOTHING_FREE = np.zeros((1, 0))
@@ -242,7 +242,7 @@ def test_reverse_mode_is_finite_from_the_initial_state(short_record):
 
 def test_benchmark_is_a_case_of_the_family():
     """m ÿ + c ẏ + k y + z = f, z′ = α ẏ − β(γ|ẏ||z|^(ν−1)z + δ ẏ|z|^ν), integrated as printed."""
-    from structid.models.bouc_wen_benchmark import benchmark_parameters
+    from structid.models.hysteretic.bouc_wen_benchmark import benchmark_parameters
 
     m, c, k, alpha, beta, gamma, delta, nu = 2.0, 10.0, 5e4, 5e4, 1e3, 0.8, -1.1, 1.0
     t = np.arange(600) / 3000

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.fem.assembly import Assembly, Masonry
-from structid.fem.dense_newton import DenseWall, simulate
-from structid.fem.layout import FACADE
-from structid.fem.masonry_wall import MasonryWall
-from structid.fem.mesh import mesh_of
 from structid.mechanics.cohesive_laws import SmcNp2, cohesive_law
+from structid.models.masonry.equations.dense_newton import DenseWall, simulate
+from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
+from structid.models.masonry.finite_elements.layout import FACADE
+from structid.models.masonry.finite_elements.mesh import mesh_of
+from structid.models.masonry.masonry_wall import MasonryWall
 from structid.reliability.first_passage import first_passage
 
 ASSEMBLY = Assembly(mesh_of(FACADE), Masonry())

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.fem.assembly import Assembly, Masonry
-from structid.fem.dense_newton import DenseWall, simulate
-from structid.fem.layout import FACADE
-from structid.fem.mesh import mesh_of
 from structid.mechanics.cohesive_laws import cohesive_law
+from structid.models.masonry.equations.dense_newton import DenseWall, simulate
+from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
+from structid.models.masonry.finite_elements.layout import FACADE
+from structid.models.masonry.finite_elements.mesh import mesh_of
 
 try:  # without the system's libblas the package is there, and raises a RuntimeError
     import openseespy.opensees as ops

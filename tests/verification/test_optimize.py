@@ -7,7 +7,7 @@ import pytest
 
 import structid as si
 from oscillators import DEGRADING
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 METHODS = (si.optimize.pattern_search, si.optimize.interior_point)
 BOX = {"x": si.Uniform(-2.0, 2.0), "y": si.Uniform(-2.0, 3.0)}

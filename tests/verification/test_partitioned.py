@@ -5,9 +5,9 @@ import opensees_frame
 import pytest
 from scipy.linalg import block_diag
 
-from structid.hybrid.benchmark import pulse, two_floor_frame, two_floors
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.coupling.coupling_benchmark import pulse, two_floor_frame, two_floors
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.substructures.frame_parts import cut_frame
 
 
 def equations_of(part, step, count):

@@ -5,7 +5,7 @@ import scipy.signal
 
 import structid as si
 from oscillators import DEGRADING
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 pytestmark = pytest.mark.quick
 

@@ -5,10 +5,10 @@ import pytest
 import scipy
 
 import structid as si
-from structid.fem.assembly import Assembly, Masonry
-from structid.fem.layout import FACADE, Wall
-from structid.fem.mesh import mesh_of
 from structid.mechanics.cohesive_laws import cohesive_law
+from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
+from structid.models.masonry.finite_elements.layout import FACADE, Wall
+from structid.models.masonry.finite_elements.mesh import mesh_of
 
 JOINTS = dict(normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6)
 

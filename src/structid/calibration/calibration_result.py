@@ -9,20 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
+from structid.campaign.runs import Runs
+from structid.certification.certificate import Certificate
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.inference.assessment.certificate import Certificate
-from structid.inference.assessment.prediction import Prediction, first_that_takes, predict
-from structid.inference.assessment.representation import Representation
-from structid.inference.assessment.summary import Summary
-from structid.inference.assessment.verdict import Verdict
-from structid.inference.law_choice import LawChoice
+from structid.inference.diagnostics.posterior_summary import Summary
+from structid.inference.diagnostics.second_sampler import Representation
+from structid.inference.diagnostics.verdict import Verdict
+from structid.inference.error_model_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.sampler import Evidence
+from structid.inference.prediction.prediction import Prediction, first_that_takes, predict
+from structid.inference.sampling.base import Evidence
 from structid.inference.sampling_result import THINNED_DRAWS, SamplingResult
-from structid.notebook import ShownAsText
-from structid.runs import Runs
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 PROMISING = 0.07
 """Spread of the log weights of a round's own draws, and the surrogate's own of the log density, that promise a certificate."""

@@ -8,11 +8,11 @@ from functools import cached_property
 
 import numpy as np
 
+from structid.core.streams import Purpose, stream
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.bridge import bennett_ratio
-from structid.inference.sampling.sampler import Block
-from structid.streams import Purpose, stream
-from structid.surrogates.face import Surrogate
+from structid.inference.sampling.base import Block
+from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
+from structid.surrogates.base import Surrogate
 
 SAMPLED_RESPONSES = 8
 """Responses that the surrogate's own error is drawn for at each point, to see how much the log density varies."""

@@ -10,16 +10,16 @@ from typing import Any, cast
 import numpy as np
 
 from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_surrogate
-from structid.hashing import digest
-from structid.inference.assessment.representation import EXPLORER, LONGEST, Representation, represented
+from structid.core.hashing import digest
+from structid.core.journal import Journal
+from structid.core.progress import Progress
+from structid.inference.diagnostics.second_sampler import EXPLORER, LONGEST, Representation, represented
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
-from structid.inference.sampling.sampler import Sampler
-from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling.base import Sampler
+from structid.inference.sampling.smc.smc import SMC
 from structid.inference.sampling_result import SamplingResult
-from structid.journal import Journal
-from structid.models.face import Progress
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 USUAL_SAMPLER = SMC(particles=500, steps=50, effective_share=0.5, correlation=0.5)
 """Draws from the surrogate's posterior, where no sampler is named."""

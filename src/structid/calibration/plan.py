@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
-from structid.inference.assessment.limits import Limits
+from structid.certification.limits import Limits
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling.smc.smc import SMC
 from structid.probability.designs import Design
-from structid.surrogates.face import SurrogateSettings
+from structid.surrogates.base import SurrogateSettings
 
 FIRST_DESIGN = (2, 2)
 """Points of a first design, and how many more for each parameter."""

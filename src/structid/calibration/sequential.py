@@ -11,38 +11,39 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.calibration.asked_limits import earlier_limits
-from structid.calibration.batch import Batch, certificate_draws, next_batch
+from structid.calibration.adopted_runs import first_design, take_over
 from structid.calibration.calibration_result import CalibrationResult, Round
-from structid.calibration.cross_judged import judged_in_turn
+from structid.calibration.cross_validation import judged_in_turn
 from structid.calibration.exploration import Exploration
 from structid.calibration.final_draws import FinalDraws, final_draws
-from structid.calibration.first_runs import make_first_runs, warn_of_mistakes
+from structid.calibration.initial_runs import make_first_runs, warn_of_mistakes
+from structid.calibration.next_runs import Batch, certificate_draws, next_batch
 from structid.calibration.plan import FEWEST_IN_A_BATCH, Plan
+from structid.calibration.requested_limits import earlier_limits
 from structid.calibration.surrogate_fits import SurrogateFits, best_densities
-from structid.calibration.taken_over import first_design, take_over
-from structid.calibration.true_runs import Tell, TrueRuns, noise_doubts
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.store import CALIBRATION_FINISHED
-from structid.errors import InputError
-from structid.hashing import digest
-from structid.inference.assessment.certificate import judged
-from structid.inference.assessment.fresh_draws import Beside, FreshDraws, StoredRuns
-from structid.inference.law_choice import AUTO, LawChoice, choose_among
-from structid.inference.likelihood.discrepancy import ErrorLaw
+from structid.certification.certificate import judged
+from structid.certification.fresh_draws import Beside, FreshDraws, StoredRuns
+from structid.certification.model_runs import Tell, TrueRuns, noise_doubts
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.journal import Journal
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, derived_seed, stream
+from structid.core.validation import check_arguments
+from structid.engine.lanes.machine import engine
+from structid.inference.error_model_choice import AUTO, LawChoice, choose_among
+from structid.inference.error_models.base import ErrorLaw
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
-from structid.inference.sampling.sampler import Block, Sampler
+from structid.inference.sampling.base import Block, Sampler
 from structid.inference.sampling_result import SamplingResult
-from structid.journal import Journal
-from structid.mechanics.lanes.machine import engine
-from structid.models.face import Model, Progress
+from structid.models.base import Model
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
-from structid.streams import Purpose, derived_seed, stream
-from structid.surrogates.face import Surrogate, SurrogateSettings
-from structid.surrogates.registry import DEFAULT, load_surrogate
+from structid.surrogates.base import Surrogate, SurrogateSettings
+from structid.surrogates.surrogate_list import DEFAULT, load_surrogate
 
 SCHEMA = 13
 """Version of the rounds on disk, and of the random streams that continue from them."""

@@ -9,13 +9,13 @@ from typing import Any, cast
 
 import numpy as np
 
-from structid.calibration.batch import Batch
-from structid.calibration.forms import best_near_the_posterior
-from structid.calibration.nearness import nearness
-from structid.calibration.true_runs import TrueRuns
+from structid.calibration.next_runs import Batch
+from structid.calibration.run_weights import nearness
+from structid.calibration.surrogate_forms import best_near_the_posterior
+from structid.certification.model_runs import TrueRuns
+from structid.core.progress import Progress
 from structid.inference.likelihood.posterior import Posterior
-from structid.models.face import Progress
-from structid.surrogates.face import Surrogate, SurrogateSettings
+from structid.surrogates.base import Surrogate, SurrogateSettings
 
 DISCREPANCY_DRAWS = 32
 """Draws of the discrepancy's parameters among which each stored run takes the one that suits it best."""

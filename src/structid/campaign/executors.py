@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, ThreadPoolExecutor
 from typing import Any
 
-from structid.cores import available_cores
-from structid.errors import CampaignStoppedError, InputError
-from structid.models.face import Map, Model
-from structid.solvers.guard import guard_of_this_thread
-from structid.solvers.watchdog import Watchdog
+from structid.core.cores import available_cores
+from structid.core.errors import CampaignStoppedError, InputError
+from structid.models.base import Map, Model
+from structid.models.external.guard import guard_of_this_thread
+from structid.models.external.watchdog import Watchdog
 
 CONNECTION_LIMIT = 8.0
 """Longest time in which a scheduler must answer [s]."""

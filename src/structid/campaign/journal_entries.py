@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from structid.campaign.run_file import Header, Row, record_from_plain
-from structid.errors import InputError
-from structid.journal import Journal
+from structid.campaign.runs import InMemory
+from structid.core.errors import InputError
+from structid.core.journal import Journal
+from structid.models.external.protocol import Outcome
 from structid.probability.space import ParameterSpace
-from structid.runs import InMemory
-from structid.solvers.protocol import Outcome
 
 
 @dataclass(frozen=True)

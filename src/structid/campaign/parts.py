@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from structid.errors import InputError, StoreError
+from structid.core.errors import InputError, StoreError
 
 
 def parts_of(path: Path) -> Path:

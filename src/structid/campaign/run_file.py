@@ -14,8 +14,10 @@ from typing import Any
 import h5py
 import numpy as np
 
+from structid.campaign.runs import Runs
 from structid.campaign.stored_histories import FileSource, damaged_rows
-from structid.errors import InputError, Status, StoreError, StructidWarning
+from structid.core.errors import InputError, Status, StoreError, StructidWarning
+from structid.core.journal import opened_hdf5
 from structid.ground_motion.excitation import (
     CombinedExcitation,
     DisplacementHistory,
@@ -25,10 +27,8 @@ from structid.ground_motion.excitation import (
     padded_values,
 )
 from structid.ground_motion.record import GroundMotion
-from structid.journal import opened_hdf5
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.runs import Runs
 
 SCHEMA = 2
 """Version of the layout. In 1, which is read as well, no run has the status `Status.STRUCTURE_FAILED`."""

@@ -11,22 +11,22 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
 from structid.campaign.executors import LostWorkerError, Pool, opened
 from structid.campaign.journal_entries import Finished
 from structid.campaign.run_file import Header
+from structid.campaign.runs import Runs, record_numbers
 from structid.campaign.store import MemoryStore, RunStore, open_runs, stored_identity
-from structid.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
+from structid.core.errors import CampaignStoppedError, InputError, Status, StoreMismatchError
+from structid.core.hashing import digest
+from structid.core.journal import compare_identity
+from structid.core.validation import check_arguments
+from structid.engine.lanes.machine import engine
 from structid.ground_motion.excitation import Excitation, check_signals_alike
-from structid.hashing import digest
-from structid.journal import compare_identity
-from structid.mechanics.lanes.machine import engine
-from structid.models.face import Model
+from structid.models.base import Model
+from structid.models.external.external import as_guarded
+from structid.models.external.guard import PackedCall, attempt, packed
+from structid.models.external.protocol import Outcome
 from structid.probability.designs import Design
-from structid.runs import Runs, record_numbers
-from structid.solvers.external import as_guarded
-from structid.solvers.guard import PackedCall, attempt, packed
-from structid.solvers.protocol import Outcome
 
 CampaignProgress = Callable[[int, int, int], None]
 """Called with the number of runs that have ended, the total, and the number of failed runs."""

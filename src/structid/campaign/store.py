@@ -21,7 +21,6 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
 from structid.campaign import run_file
 from structid.campaign.journal_entries import (
     Finished,
@@ -33,9 +32,10 @@ from structid.campaign.journal_entries import (
 )
 from structid.campaign.parts import disk_errors_explained, lock, next_segment, parts_of, run_files_of
 from structid.campaign.run_file import Header, Row
-from structid.errors import InputError, Status
-from structid.journal import Journal, compare_identity, differences
-from structid.runs import InMemory, Runs
+from structid.campaign.runs import InMemory, Runs
+from structid.core.errors import InputError, Status
+from structid.core.journal import Journal, compare_identity, differences
+from structid.core.validation import check_arguments
 
 CAMPAIGN_RUNS = "runs.h5"
 """File with the runs of a campaign, in the folder of its study."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError, Status
-from structid.journal import opened_hdf5
+from structid.core.errors import InputError, Status
+from structid.core.journal import opened_hdf5
 
 
 @dataclass(frozen=True)

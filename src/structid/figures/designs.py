@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from structid.core.units import label
 from structid.figures.style import ACCENT, MODEL, canvas, finish, pretty, pretty_unit, styled
-from structid.units import label
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from structid.core.units import label
 from structid.figures.style import (
     ACCENT,
     CYCLE,
@@ -25,7 +26,6 @@ from structid.figures.style import (
     styled,
     thin,
 )
-from structid.units import label
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from structid.notebook import shown_as_pictures
-from structid.units import label, unbracketed
+from structid.core.notebook import shown_as_pictures
+from structid.core.units import label, unbracketed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.figures.style import MODEL, MUTED, canvas, name_axes, styled
 from structid.figures.wall import EDGE, MASONRY
 

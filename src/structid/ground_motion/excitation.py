@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, check_choice
-from structid.hashing import digest
+from structid.core.errors import InputError, check_choice
+from structid.core.hashing import digest
+from structid.core.validation import check_arguments
 
 
 def checked_signal(where: str, values: object, dt: float) -> tuple[np.ndarray, float]:

@@ -7,7 +7,7 @@ from fractions import Fraction
 import numpy as np
 import scipy
 
-from structid.errors import InputError, check_choice
+from structid.core.errors import InputError, check_choice
 
 PASSBAND_LOSS = 3.0
 """Attenuation at the edge of the passband, for one pass [dB]."""

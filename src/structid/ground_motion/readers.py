@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.units import factor, factor_of, same_dimension
 from structid.ground_motion.record_files import UNITS, lines_of, numbers_of, read_esm, read_peer
-from structid.units import factor, factor_of, same_dimension
 
 NOT_READ = {
     "COSMOS": re.compile(r"COSMOS\s+FORMAT|\(\s*FORMAT\s+V\s*\d", re.IGNORECASE),

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.units import STANDARD_GRAVITY, factor
+from structid.core.validation import check_arguments
 from structid.figures import record as record_figures
 from structid.ground_motion import processing, readers, spectra
 from structid.ground_motion.excitation import Excitation
 from structid.ground_motion.synthetic import stochastic_acceleration
-from structid.units import STANDARD_GRAVITY, factor
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.units import STANDARD_GRAVITY, factor, factor_of
+from structid.core.errors import InputError
+from structid.core.units import STANDARD_GRAVITY, factor, factor_of
 
 _NUMBER = r"(\d*[.,]?\d+(?:[eEdD][-+]?\d+)?|\d+[.,])"
 _COUNT = re.compile(r"NPTS\s*[=:]\s*(\d+)", re.IGNORECASE)

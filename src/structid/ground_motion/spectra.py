@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.units import STANDARD_GRAVITY
 from structid.ground_motion.processing import integrate
-from structid.units import STANDARD_GRAVITY
 
 DEFAULT_PERIODS = np.geomspace(0.02, 10.0, 120)
 """Oscillator periods of a response spectrum [s]."""

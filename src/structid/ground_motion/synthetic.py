@@ -11,9 +11,9 @@ import functools
 import numpy as np
 import scipy
 
-from structid.errors import InputError
-from structid.streams import Purpose, stream
-from structid.units import STANDARD_GRAVITY
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, stream
+from structid.core.units import STANDARD_GRAVITY
 
 CORNER_FREQUENCY = 0.1
 """Corner frequency of the critically damped high-pass oscillator [Hz]."""

@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 import scipy
 
-from structid.hybrid.compensation import Compensation
-from structid.hybrid.coupling import Joined
-from structid.hybrid.motion import Motion
-from structid.hybrid.specimen import SpecimenDescription
-from structid.hybrid.stability import free_oscillations, spectral_radius
-from structid.hybrid.substructure import Substructure
-from structid.hybrid.tracking import STIFFER, largest_secant
-from structid.hybrid.whole_structure import WholeStructure
+from structid.hybrid.control.compensation import Compensation
+from structid.hybrid.control.motion import Motion
+from structid.hybrid.control.tracking import STIFFER, largest_secant
+from structid.hybrid.coupling.base import Joined
+from structid.hybrid.coupling.stability import free_oscillations, spectral_radius
+from structid.hybrid.coupling.whole_structure import WholeStructure
+from structid.hybrid.laboratory.specimen import SpecimenDescription
+from structid.hybrid.substructures.substructure import Substructure
 
 LARGEST_FINE_STEP = 0.5
 """ω_P Δt of a fine specimen that is coupled by a virtual step; beyond it its spurious damping is no longer small."""

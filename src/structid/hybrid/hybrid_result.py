@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, check_choice
+from structid.core.errors import InputError, check_choice
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, RotationHistory
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.feasibility import Feasibility
-from structid.hybrid.partitioned_run import CoarseHistory, PartitionedHistories
-from structid.hybrid.specimen import SpecimenDescription
-from structid.hybrid.tracking import (
+from structid.hybrid.control.tracking import (
     FrequencyEvaluationIndex,
     energy_error,
     frequency_evaluation_index,
     root_mean_square_error,
     tracking_indicator,
 )
-from structid.hybrid.unscented_filter import FilteredPath
-from structid.models.imposed_displacements import force_channels
-from structid.notebook import ShownAsText
+from structid.hybrid.coupling.partitioned_run import CoarseHistory, PartitionedHistories
+from structid.hybrid.feasibility import Feasibility
+from structid.hybrid.laboratory.specimen import SpecimenDescription
+from structid.hybrid.online.unscented_filter import FilteredPath
+from structid.models.hysteretic.imposed_displacements import force_channels
 from structid.observation import Observation
 
 if TYPE_CHECKING:

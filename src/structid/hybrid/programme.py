@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
+from structid.hybrid.experiment import NEVER_RESUMED, HybridTest
 from structid.hybrid.feasibility import Feasibility
 from structid.hybrid.hybrid_result import HybridResult
-from structid.hybrid.hybrid_test import NEVER_RESUMED, HybridTest
-from structid.hybrid.result_file import open_hybrid
-from structid.hybrid.specimen import SpecimenError
-from structid.notebook import ShownAsText
+from structid.hybrid.laboratory.specimen import SpecimenError
+from structid.hybrid.recording.result_file import open_hybrid
 from structid.observation import Observation
 
 Watching = Callable[[str, HybridTest], None]

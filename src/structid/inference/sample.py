@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
-from structid.hashing import digest
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, derived_seed
+from structid.core.validation import check_arguments
+from structid.engine.lanes.machine import engine
+from structid.inference.sampling.aies import AIES
+from structid.inference.sampling.base import Block, Sampler
 from structid.inference.sampling.chain_store import ChainStore
-from structid.inference.sampling.ensemble import AIES
-from structid.inference.sampling.sampler import Block, Sampler
-from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling.smc.smc import SMC
 from structid.inference.sampling_result import SamplingResult
 from structid.inference.target import Target
-from structid.mechanics.lanes.machine import engine
-from structid.models.face import Progress
-from structid.streams import Purpose, derived_seed
 
 POPULATION = SMC(particles=250, ensembles=8, steps=20, effective_share=0.6, correlation=0.3)
 """What the draws of a few chains are compared with."""

@@ -11,25 +11,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, StructidWarning
+from structid.core.errors import InputError, StructidWarning
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.inference.assessment import prediction as predictive
-from structid.inference.assessment.arviz_groups import LIBRARY, groups_of_draws, groups_of_measurement
-from structid.inference.assessment.best_prediction import UNMEASURED, BestPrediction, best_prediction
-from structid.inference.assessment.diagnostics import parameter_diagnostics, stuck_walkers
-from structid.inference.assessment.doubts import surrogate_warnings, wrong_model
-from structid.inference.assessment.maximum import maximum
-from structid.inference.assessment.parameter_drift import ParameterDrift, drift_of
-from structid.inference.assessment.prior_warnings import PriorWarning, prior_warnings
-from structid.inference.assessment.residuals import WhitenedResidual, residual_warnings, whitened_residuals
-from structid.inference.assessment.robust_spread import RobustSpread, robust_spread
-from structid.inference.assessment.summary import Summary
-from structid.inference.assessment.verdict import Verdict, convergence_failures, disagreements, unrest
+from structid.inference.convergence import parameter_diagnostics, stuck_walkers
+from structid.inference.diagnostics.arviz_groups import LIBRARY, groups_of_draws, groups_of_measurement
+from structid.inference.diagnostics.caveats import surrogate_warnings, wrong_model
+from structid.inference.diagnostics.maximum import maximum
+from structid.inference.diagnostics.posterior_summary import Summary
+from structid.inference.diagnostics.prior_warnings import PriorWarning, prior_warnings
+from structid.inference.diagnostics.residuals import WhitenedResidual, residual_warnings, whitened_residuals
+from structid.inference.diagnostics.robust_spread import RobustSpread, robust_spread
+from structid.inference.diagnostics.verdict import Verdict, convergence_failures, disagreements, unrest
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.sampler import Cost, Evidence, Sampler
+from structid.inference.prediction import prediction as predictive
+from structid.inference.prediction.best_prediction import UNMEASURED, BestPrediction, best_prediction
+from structid.inference.prediction.parameter_drift import ParameterDrift, drift_of
+from structid.inference.sampling.base import Cost, Evidence, Sampler
 from structid.inference.target import Target
-from structid.notebook import ShownAsText
 
 if TYPE_CHECKING:
     import xarray

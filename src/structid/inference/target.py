@@ -10,10 +10,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.arguments import check_arguments, real_array
-from structid.device import over_runs
-from structid.errors import InputError, check_choice
-from structid.hashing import digest, function_identity
+from structid.core.errors import InputError, check_choice
+from structid.core.hashing import digest, function_identity
+from structid.core.validation import check_arguments, real_array
+from structid.engine.device import over_runs
 from structid.probability.bijections import Bijection
 from structid.probability.space import ParameterSpace
 

@@ -8,9 +8,9 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.engine.sequence import in_sequence
 from structid.mechanics.restoring_forces import RestoringForce
-from structid.mechanics.sequence import in_sequence
 
 
 @dataclass(frozen=True, eq=False)

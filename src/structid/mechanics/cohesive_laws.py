@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
-from structid.array_module import namespace
+from structid.engine.array_module import namespace
 
 ROUNDING = 1e-10
 """Of κ and of the limit of friction: a joint that stays where it came to rest neither damages nor slides by its last digit."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from structid.array_module import namespace
+from structid.engine.array_module import namespace
 
 
 class Law(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
-from structid.array_module import namespace
+from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import LONGEST_STEP, Law, degrades, hysteretic_rate, known, law_rate
 from structid.mechanics.runge_kutta import Watch
 

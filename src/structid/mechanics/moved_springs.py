@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.array_module import namespace
+from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import LONGEST_STEP, Law, hysteretic_rate, law_rate
 from structid.mechanics.runge_kutta import runge_kutta_4
 

@@ -13,10 +13,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.array_module import namespace
-from structid.errors import InputError, StructidError
-from structid.hashing import digest
+from structid.core.errors import InputError, StructidError
+from structid.core.hashing import digest
+from structid.core.validation import check_arguments
+from structid.engine.array_module import namespace
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.moved_springs import followed_by
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import jax
 from jax import lax
 
-from structid.mechanics.time_loop import State, TimeLoop, all_finite
+from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
 class Watch(NamedTuple):

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from structid.channels import ChannelUnit
-from structid.device import jnp
-from structid.errors import InputError
+from structid.core.channels import ChannelUnit
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.engine.device import jnp
+from structid.engine.time_loop import State, TimeLoop
 from structid.ground_motion.excitation import Excitation
-from structid.hashing import digest
-from structid.mechanics.time_loop import State, TimeLoop
-from structid.models.face import Model
+from structid.models.base import Model
 from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable
 from structid.probability.space import ParameterSpace
 

@@ -12,14 +12,16 @@ from typing import Any, ClassVar, Self, cast
 import jax
 import numpy as np
 
-from structid.channels import ChannelUnit
-from structid.errors import InputError, Status
+from structid.core.channels import ChannelUnit
+from structid.core.errors import InputError, Status
+from structid.core.progress import Progress
+from structid.engine.batches import LARGEST_BATCH
+from structid.engine.lanes.in_lanes import InLanes
+from structid.engine.time_loop import TimeLoop
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
-from structid.mechanics.lanes.in_lanes import InLanes
 from structid.mechanics.restoring_forces import RestoringForce
-from structid.mechanics.time_loop import TimeLoop
-from structid.models.face import LARGEST_BATCH, Map, Model, Progress
+from structid.models.base import Map, Model
 
 KEPT_EXCITATIONS = 8
 """Excitations that a model keeps prepared; `InLanes` keeps as many compiled."""

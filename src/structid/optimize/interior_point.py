@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
+from structid.core.validation import check_arguments
 from structid.optimize.minima import OptimizeResult, collect
 from structid.optimize.region import Objective, Region, region, starting_points
 

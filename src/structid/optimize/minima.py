@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.journal import write_then_rename
+from structid.core.journal import write_then_rename
+from structid.core.units import label
 from structid.optimize.region import Objective, Region
-from structid.units import label
 
 SAME_POINT = 1e-3
 """End points closer than this, as a fraction of the box, are the same minimum."""

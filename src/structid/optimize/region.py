@@ -9,11 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, derived_seed
 from structid.probability.designs import unit_design
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
-from structid.streams import Purpose, derived_seed
 
 
 class Objective(Protocol):

@@ -110,7 +110,7 @@ class Bijection:
         tuple of jax.Array
             Points of the box (..., parameter) and the log determinant of the Jacobian (...).
         """
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         points, jacobian = [], jnp.zeros(phi.shape[:-1])
         for i, (transform, scale) in enumerate(zip(self._transforms, self.scales, strict=True)):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError, suggestion
+from structid.core.errors import InputError, suggestion
 
 
 def correlation_matrix(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from structid.errors import InputError, suggestion
+from structid.core.errors import InputError, suggestion
 from structid.probability.expressions import parse_expression
 
 Derivation = Callable[[Mapping[str, Any]], Any]

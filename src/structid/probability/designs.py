@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, check_choice
-from structid.streams import Purpose, stream
+from structid.core.errors import InputError, check_choice
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
 
 if TYPE_CHECKING:
     import xarray

@@ -7,7 +7,7 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from structid.errors import InputError, suggestion
+from structid.core.errors import InputError, suggestion
 
 _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Add: operator.add,
@@ -94,6 +94,6 @@ def _evaluate(node: ast.AST, values: Mapping[str, Any]) -> Any:
 
 
 def _call(name: str, argument: Any) -> Any:
-    from structid.device import jnp
+    from structid.engine.device import jnp
 
     return getattr(jnp, name)(argument)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
 from structid.probability.truncation import Marginal, out_of_order
 
 __all__ = ["Beta", "Frozen", "Gamma", "Gumbel", "LogNormal", "Marginal", "Normal", "Uniform", "Weibull"]

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.arguments import COORDINATES, check_arguments, check_name
-from structid.errors import InputError, suggestion
-from structid.hashing import digest, function_identity
-from structid.notebook import ShownAsText
+from structid.core.errors import InputError, suggestion
+from structid.core.hashing import digest, function_identity
+from structid.core.notebook import ShownAsText
+from structid.core.units import factor
+from structid.core.validation import COORDINATES, check_arguments, check_name
 from structid.probability import copula
 from structid.probability.bijections import Bijection
 from structid.probability.derived import Derivation, derivations
 from structid.probability.designs import Design, unit_design
 from structid.probability.truncation import Marginal
-from structid.units import factor
 
 
 @check_arguments
@@ -232,7 +232,7 @@ class ParameterSpace(ShownAsText):
             return theta
         if isinstance(theta, np.ndarray) and not self._derived:
             return theta[..., [self.names.index(n) for n in names]]
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         values = self.complete(theta)
         shape = theta.shape[:-1]
@@ -255,7 +255,7 @@ class ParameterSpace(ShownAsText):
         columns = [of(values) for of in self._coordinates.values()]
         if isinstance(theta, np.ndarray):
             return np.stack([np.broadcast_to(np.asarray(c), theta.shape[:-1]) for c in columns], axis=-1)
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         return jnp.stack([jnp.broadcast_to(c, theta.shape[:-1]) for c in columns], axis=-1)
 
@@ -391,7 +391,7 @@ class ParameterSpace(ShownAsText):
         """
         import jax.scipy.special as special
 
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         parts = [m.jax_log_density(theta[..., i]) for i, m in enumerate(self.marginals.values())]
         total = sum(parts, start=jnp.zeros(theta.shape[:-1]))

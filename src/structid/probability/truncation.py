@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.units import factor
 from structid.probability.numpyro_laws import distributions
 from structid.probability.quadrature import probability_nodes
-from structid.units import factor
 
 SMALLEST_MASS = 1e-6
 """A truncation that keeps less probability than this is rejected as a mistake."""
@@ -210,7 +210,7 @@ class Marginal:
         jax.Array
             Log density with respect to the SI value; −inf outside the support.
         """
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         low, high = self.support
         inside = (x >= low) & (x <= high)
@@ -236,7 +236,7 @@ class Marginal:
         jax.Array
             Probabilities.
         """
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         y = jnp.clip(x, *self.support) / self._factor
         cdf = self._numpyro.cdf(y) if self.numpyro_name else _host_function(self.base.cdf, self.base.pdf)(y)

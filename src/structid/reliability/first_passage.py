@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
 from structid.histories import Histories
 
 

@@ -11,20 +11,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, Status
+from structid.core.errors import InputError, Status
+from structid.core.hashing import digest
+from structid.core.journal import Journal
+from structid.core.notebook import ShownAsText
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
 from structid.ground_motion.record import GroundMotion
-from structid.hashing import digest
-from structid.inference.assessment.parameter_drift import ParameterDrift
-from structid.inference.assessment.prediction import Predictor
 from structid.inference.likelihood.posterior import Posterior
-from structid.journal import Journal
-from structid.models.face import Model, Progress
-from structid.notebook import ShownAsText
+from structid.inference.prediction.parameter_drift import ParameterDrift
+from structid.inference.prediction.prediction import Predictor
+from structid.models.base import Model
 from structid.reliability.corrected_share import corrected_share
 from structid.reliability.stand_in import fitted_stand_in
-from structid.streams import Purpose, stream
-from structid.surrogates.face import SurrogateSettings
+from structid.surrogates.base import SurrogateSettings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

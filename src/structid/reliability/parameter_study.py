@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, check_choice
-from structid.notebook import ShownAsText
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError, check_choice
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.reliability.passage_probability import (
     LEAST,
     PassageProbability,
@@ -20,7 +21,6 @@ from structid.reliability.passage_probability import (
 )
 from structid.reliability.passages import Passages, passages
 from structid.reliability.sensitivity import Sensitivity, sensitivity
-from structid.runs import Runs
 
 SMALLEST = 40
 """Runs that a sensitivity needs."""

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
-from structid.notebook import ShownAsText
+from structid.core.errors import InputError
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.probability.space import ParameterSpace
 from structid.reliability.passages import Passages
 

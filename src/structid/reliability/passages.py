@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, Status, check_choice
-from structid.notebook import ShownAsText
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError, Status, check_choice
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments
 from structid.probability.designs import Design
 from structid.reliability.first_passage import first_passage
-from structid.runs import Runs
 
 PAIRS = 2000
 """Runs of which every pair is compared."""

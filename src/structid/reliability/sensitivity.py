@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import scipy
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
-from structid.notebook import ShownAsText
+from structid.core.errors import InputError
+from structid.core.notebook import ShownAsText
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.reliability.passage_probability import coordinate_names, coordinates_of
-from structid.streams import Purpose, stream
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.in_coordinates import fitted_in_coordinates
 from structid.surrogates.regression import Regression

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from structid.campaign.runs import Runs
 from structid.ground_motion.record import GroundMotion
 from structid.inference.likelihood.posterior import Posterior
 from structid.probability.designs import Design
-from structid.runs import Runs
-from structid.surrogates.face import Surrogate, SurrogateSettings
+from structid.surrogates.base import Surrogate, SurrogateSettings
 from structid.surrogates.fit import FEWEST_RUNS
 
 

@@ -7,19 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
-from structid.arguments import check_arguments
 from structid.calibration.calibration_result import CalibrationResult
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.ground_motion.record import GroundMotion
-from structid.inference.law_choice import LawChoice
+from structid.inference.error_model_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
-from structid.models.face import Progress
 from structid.report import section_list
-from structid.report.drawn import draw
-from structid.report.material import PosteriorMaterial
+from structid.report.drawing.drawn_sections import draw
+from structid.report.material.material import PosteriorMaterial
 from structid.report.page import write_posterior_report
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 DRAWS = 400
 """Draws of the bands."""

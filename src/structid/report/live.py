@@ -10,10 +10,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError
-from structid.hybrid.live_points import LivePoints
+from structid.core.errors import InputError
 from structid.hybrid.programme import store_of, tests_in
-from structid.hybrid.recorder import JOURNAL
+from structid.hybrid.recording.live_points import LivePoints
+from structid.hybrid.recording.recorder import JOURNAL
 from structid.report.page import PAGE, template
 
 LOOPBACK = "127.0.0.1"

@@ -9,17 +9,17 @@ from typing import Any
 import jinja2
 import numpy as np
 
-from structid.inference.assessment.verdict import Verdict
-from structid.journal import write_then_rename
-from structid.models.face import Progress
+from structid.core.journal import write_then_rename
+from structid.core.progress import Progress
+from structid.inference.diagnostics.verdict import Verdict
 from structid.report import section_list
-from structid.report.certificate_material import CertificateMaterial
-from structid.report.comparison_material import ComparisonMaterial
-from structid.report.drawn import DrawnSection, draw
-from structid.report.head import derived_table, posterior_table, run_table, sentence
-from structid.report.headline import comparison_headline, headline
-from structid.report.material import PosteriorMaterial, RunsMaterial
-from structid.report.programme_material import ProgrammeMaterial
+from structid.report.calibration_overview import derived_table, posterior_table, run_table, sentence
+from structid.report.drawing.drawn_sections import DrawnSection, draw
+from structid.report.material.certificate_material import CertificateMaterial
+from structid.report.material.comparison_material import ComparisonMaterial
+from structid.report.material.material import PosteriorMaterial, RunsMaterial
+from structid.report.material.programme_material import ProgrammeMaterial
+from structid.report.page_summary import comparison_headline, headline
 from structid.report.section import NEAREST
 from structid.report.tables import percent, versions_table
 

@@ -5,70 +5,74 @@ from __future__ import annotations
 from typing import Any
 
 from structid.report.section import Section
-from structid.report.sections import (
-    actuators_followed,
-    certificate,
+from structid.report.sections.calibration import (
+    certificate_section,
     chain_convergence,
-    chance_of_failure,
+    deterministic_minima,
+    error_model_section,
+    external_draws_certificate,
+    fragility_section,
+    marginals_and_pairs,
+    measured_data,
+    measured_response,
+    model_runs_section,
+    other_records,
+    parameters_and_passages,
+    structure_in_motion,
+    surrogate_section,
+    whitened_residuals,
+)
+from structid.report.sections.comparison import (
     compared_evidence,
     compared_parameters,
     compared_records,
     compared_responses,
-    deterministic_minima,
-    fitted_surrogate,
-    followed_online,
-    histories_of_floors,
-    judged_draws,
-    law_of_the_errors,
-    loops_of_specimen,
-    marginals_and_pairs,
-    measured_data,
-    measured_response,
-    other_records,
-    parameters_and_passages,
-    structure_in_motion,
-    taught_by_tests,
-    tests_of_programme,
-    true_runs_of_study,
-    whitened_residuals,
+)
+from structid.report.sections.programme import (
+    actuator_tracking,
+    floor_histories,
+    learnt_from_tests,
+    online_filter,
+    specimen_loops,
+    test_table,
 )
 
 OF_A_CALIBRATION: tuple[Section[Any], ...] = (
     measured_response.SECTION,
-    law_of_the_errors.SECTION,
+    error_model_section.SECTION,
     whitened_residuals.SECTION,
     marginals_and_pairs.SECTION,
     structure_in_motion.SECTION,
     deterministic_minima.SECTION,
     other_records.SECTION,
-    chance_of_failure.SECTION,
-    certificate.SECTION,
+    fragility_section.SECTION,
+    certificate_section.SECTION,
     chain_convergence.SECTION,
     parameters_and_passages.SECTION,
-    fitted_surrogate.SECTION,
-    true_runs_of_study.SECTION,
+    surrogate_section.SECTION,
+    model_runs_section.SECTION,
     measured_data.SECTION,
 )
 """Made of `PosteriorMaterial`."""
 
 OF_RUNS: tuple[Section[Any], ...] = (
     parameters_and_passages.SECTION,
-    true_runs_of_study.SECTION,
-    fitted_surrogate.SECTION,
+    model_runs_section.SECTION,
+    surrogate_section.SECTION,
 )
 """Made of `RunsMaterial`, for a study without a measurement."""
 
 OF_A_PROGRAMME: tuple[Section[Any], ...] = (
-    tests_of_programme.SECTION,
-    loops_of_specimen.SECTION,
-    histories_of_floors.SECTION,
-    actuators_followed.SECTION,
-    taught_by_tests.SECTION,
-    followed_online.SECTION,
+    test_table.SECTION,
+    specimen_loops.SECTION,
+    floor_histories.SECTION,
+    actuator_tracking.SECTION,
+    learnt_from_tests.SECTION,
+    online_filter.SECTION,
 )
 """Made of `ProgrammeMaterial`."""
 
-OF_A_CERTIFICATE: tuple[Section[Any], ...] = (judged_draws.SECTION,)
+OF_A_CERTIFICATE: tuple[Section[Any], ...] = (external_draws_certificate.SECTION,)
 """Made of `CertificateMaterial`."""
 
 OF_A_COMPARISON: tuple[Section[Any], ...] = (

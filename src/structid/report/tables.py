@@ -7,10 +7,10 @@ import platform
 
 import numpy as np
 
-from structid.channels import standard_unit
+from structid.core.channels import standard_unit
+from structid.core.units import factor
 from structid.figures.style import pretty_unit
 from structid.report.section import Rows
-from structid.units import factor
 
 NOTHING = 1e-3
 """Part of its uncertainty below which a number is zero."""

@@ -7,12 +7,12 @@ import time
 from pathlib import Path
 from typing import Any
 
-from structid.calibration.certify import certify
 from structid.campaign.executors import kept_open
-from structid.errors import InputError
-from structid.inference.assessment.certificate import Certificate
-from structid.journal import write_then_rename
-from structid.report.certificate_material import CertificateMaterial
+from structid.certification.certificate import Certificate
+from structid.certification.external.certify import certify
+from structid.core.errors import InputError
+from structid.core.journal import write_then_rename
+from structid.report.material.certificate_material import CertificateMaterial
 from structid.report.page import write_certificate_report
 from structid.study.folder import TIMINGS
 from structid.study.run import load

@@ -9,15 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import InputError, StructidWarning
-from structid.inference.assessment.comparison import Comparison, ModelClass, leave_out
-from structid.inference.assessment.prediction import Prediction, predict
+from structid.core.errors import InputError, StructidWarning
 from structid.inference.likelihood.posterior import Posterior
+from structid.inference.model_comparison.comparison import Comparison, ModelClass, leave_out
+from structid.inference.prediction.prediction import Prediction, predict
 from structid.inference.sample import sample
-from structid.inference.sampling.sampler import Evidence
-from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling.base import Evidence
+from structid.inference.sampling.smc.smc import SMC
 from structid.observation import Observation
-from structid.report.comparison_material import ComparedClass, ComparisonMaterial
+from structid.report.material.comparison_material import ComparedClass, ComparisonMaterial
 from structid.report.page import write_comparison
 from structid.study.folder import IDENTITY
 from structid.study.run import StudyOutcome, stored_outcome

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from structid.calibration.plan import Plan
-from structid.errors import InputError, Status
-from structid.inference.law_choice import EXPLORER, usual_laws
+from structid.core.errors import InputError, Status
+from structid.core.streams import Purpose, stream
+from structid.inference.error_model_choice import EXPLORER, usual_laws
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.sampler import Sampler
-from structid.streams import Purpose, stream
+from structid.inference.sampling.base import Sampler
 from structid.study.building.built_study import BuiltStudy
-from structid.study.stages.law_of_errors import sampler_under
+from structid.study.stages.error_model_stage import sampler_under
 
 USUAL_ROUNDS = 6
 """Rounds that a calibration of the benchmark study takes."""

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from structid.core.units import in_si, is_quantity
 from structid.study.schema.study_file import study_text
-from structid.units import in_si, is_quantity
 
 
 def quantities_in_si(path: str | Path) -> list[str]:

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from structid.campaign.store import CALIBRATION_FINISHED, CALIBRATION_FOLDER, CAMPAIGN_RUNS
-from structid.errors import InputError, StoreMismatchError, undamaged
-from structid.journal import compare_identity, differences, write_then_rename
+from structid.core.errors import InputError, StoreMismatchError, undamaged
+from structid.core.journal import compare_identity, differences, write_then_rename
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
 from structid.study.schema.study_file import StudyFile, parse_study, study_text

@@ -9,18 +9,18 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import Status
+from structid.core.errors import Status
+from structid.core.units import STANDARD_GRAVITY, factor
 from structid.figures import response as figures
 from structid.ground_motion.excitation import DisplacementHistory
 from structid.ground_motion.record import GroundMotion
-from structid.inference.assessment.recorded_faults import clipped, gap, questions_of_the_measurement
-from structid.inference.assessment.side_by_side import SideBySide
+from structid.inference.validation.recorded_faults import clipped, gap, questions_of_the_measurement
+from structid.inference.validation.side_by_side import SideBySide
+from structid.models.hysteretic.prior_checks import unstable_in_words, unstable_share
 from structid.models.integration_error import IntegrationError, integration_error
-from structid.models.prior_checks import unstable_in_words, unstable_share
 from structid.models.traceable import TraceableModel
 from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
-from structid.units import STANDARD_GRAVITY, factor
 
 PRIOR_DRAWS = 1024
 """Draws of the priors that say what follows from them."""

@@ -9,26 +9,26 @@ from typing import Any
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.campaign.executors import kept_open, run_map
+from structid.campaign.runs import Runs
 from structid.campaign.store import CAMPAIGN_RUNS, open_runs
-from structid.errors import StructidWarning
-from structid.inference.law_choice import LawChoice
+from structid.core.errors import StructidWarning
+from structid.inference.error_model_choice import LawChoice
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
-from structid.report.material import PosteriorMaterial, RunsMaterial
+from structid.report.material.material import PosteriorMaterial, RunsMaterial
 from structid.report.page import PAGE, write_runs_report
-from structid.runs import Runs
-from structid.study import stage_list
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.study import build
 from structid.study.folder import SCRATCH, SURROGATE, claim, left_as_it_was, rebuilt, stored_study
 from structid.study.schema.study_file import StudyFile, read_study
+from structid.study.stages import stage_list
 from structid.study.stages.report_page import posterior_material
 from structid.study.stages.stage import Findings, Workplace
 from structid.study.timings import Stage, silent
-from structid.surrogates.face import Surrogate
-from structid.surrogates.registry import load_surrogate
+from structid.surrogates.base import Surrogate
+from structid.surrogates.surrogate_list import load_surrogate
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from structid.inference.likelihood.posterior import Posterior
-from structid.solvers.um_bridge import Served, ServedModel
+from structid.models.external.um_bridge import Served, ServedModel
 from structid.study.building.built_study import BuiltStudy
 
 

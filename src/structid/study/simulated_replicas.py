@@ -7,13 +7,13 @@ from typing import Any
 
 from structid.campaign.executors import kept_open, run_map
 from structid.campaign.runner import Campaign
-from structid.errors import InputError
-from structid.inference.assessment.simulation_based_calibration import Ranks, sbc
+from structid.core.errors import InputError
+from structid.inference.validation.simulation_based_calibration import Ranks, sbc
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import fitted_surrogate
 from structid.study.run import load
 from structid.study.timings import Stage, silent
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 _FIGURE, _RUNS = "sbc", "sbc_runs.h5"
 

@@ -9,8 +9,8 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from structid.journal import write_then_rename
-from structid.models.face import Progress
+from structid.core.journal import write_then_rename
+from structid.core.progress import Progress
 
 Stage = Callable[[str], Any]
 """Opens a progress bar for a stage: a context manager that gives a `Progress`."""

@@ -9,12 +9,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError
+from structid.core.hashing import digest
 from structid.ground_motion.excitation import Excitation
-from structid.hashing import digest
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.runs import Runs
 
 FEWEST_RUNS = 10
 """Fewer finished runs than this are taken for a mistake."""

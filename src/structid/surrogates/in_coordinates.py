@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.probability.designs import Design
 from structid.probability.marginals import Uniform
 from structid.probability.space import ParameterSpace

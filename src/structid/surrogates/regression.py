@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.probability.designs import Design
 
 FEWEST_TRAINING_RUNS = 3

@@ -11,11 +11,11 @@ from typing import Any
 import h5py
 import numpy as np
 
-from structid.errors import InputError
-from structid.hashing import digest
-from structid.journal import opened_hdf5
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.journal import opened_hdf5
 from structid.surrogates.fit import Fit
-from structid.surrogates.validation import Validation
+from structid.surrogates.surrogate_validation import Validation
 
 SCHEMA = 2
 """Version of the layout."""

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from structid.commands.screen import screen
+from structid.cli.screen import screen
 
 
 def parameters(study: Annotated[Path, typer.Argument(help="The study file (TOML).")]) -> None:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.inference.likelihood.discrepancy import Discrepancy
-from structid.inference.likelihood.law_kind import LawKind
+from structid.inference.error_models.base import Discrepancy
+from structid.inference.error_models.error_model_kind import LawKind
 from structid.probability.marginals import Uniform
 
 
@@ -28,7 +28,7 @@ class Laplace(Discrepancy):
         )
 
     def _traced(self, unknown, channels):
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         return jnp.stack([unknown[f"b_{c}"] for c in channels])
 
@@ -36,7 +36,7 @@ class Laplace(Discrepancy):
         return self.pointwise(residual, unknown, channels, dt).sum(axis=(0, 1))
 
     def pointwise(self, residual, unknown, channels, dt):
-        from structid.device import jnp
+        from structid.engine.device import jnp
 
         b = self._scales(unknown, channels)
         return -jnp.log(2.0 * b) - jnp.abs(residual) / b

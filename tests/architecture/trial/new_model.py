@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.hashing import digest
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.keys import quantity
 from structid.histories import Histories
-from structid.keys import quantity
-from structid.models.face import Model
-from structid.models.kind import ModelKind
+from structid.models.base import Model
+from structid.models.model_kind import ModelKind
 
 
 class LinearOscillator(Model):

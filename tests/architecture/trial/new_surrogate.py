@@ -5,10 +5,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from structid.device import jnp
-from structid.surrogates.face import Surrogate
+from structid.engine.device import jnp
+from structid.surrogates.base import Surrogate
 from structid.surrogates.fit import Fit, check_enough, common_step, fitted_range, fitting_runs, run_digests
-from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 @dataclass(frozen=True)

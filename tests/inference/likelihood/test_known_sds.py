@@ -7,7 +7,7 @@ import pytest
 import scipy.stats
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.study.run import load
 from studies import SMALL
 

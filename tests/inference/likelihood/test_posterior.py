@@ -5,8 +5,8 @@ import pytest
 import scipy.stats
 
 import structid as si
-from structid.errors import InputError
-from structid.models.face import Model
+from structid.core.errors import InputError
+from structid.models.base import Model
 
 
 def numpy_log_posterior(posterior, theta):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError, StoreMismatchError
+from structid.core.errors import InputError, StoreMismatchError
 from structid.inference.target import LogDensity
 from targets import banana, gaussian
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError, StoreMismatchError
+from structid.core.errors import InputError, StoreMismatchError
+from structid.core.streams import stream
 from structid.inference.sampling.moves import Moves
-from structid.streams import stream
 
 PRECISION = np.linalg.inv([[1.0, 0.8, 0.0], [0.8, 1.0, 0.3], [0.0, 0.3, 1.0]])
 SPACE = si.ParameterSpace(a=si.Normal(0.0, 5.0), b=si.Normal(0.0, 5.0), c=si.Normal(0.0, 5.0))

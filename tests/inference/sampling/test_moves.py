@@ -7,7 +7,7 @@ import scipy.special
 import scipy.stats
 
 import structid as si
-from structid.inference.assessment import diagnostics
+from structid.inference import convergence as diagnostics
 from structid.inference.sampling.moves import (
     DEGREES_OF_FREEDOM,
     LAYERS,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 
 def polynomial(x):
@@ -122,7 +122,7 @@ def test_bootstrap_spreads_as_theory_says():
 def test_predict_in_jax_and_its_gradient():
     import jax
 
-    from structid.device import jnp
+    from structid.engine.device import jnp
 
     space = si.ParameterSpace(a=si.Normal(1.0, 0.5), b=si.LogNormal(mean=1.0, sd=0.2))
     design = space.sample(60, seed=1)

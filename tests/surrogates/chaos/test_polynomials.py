@@ -8,7 +8,7 @@ import scipy.special
 import scipy.stats
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
 from structid.surrogates.chaos.multi_indices import multi_indices
 from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily, lanczos_recurrence

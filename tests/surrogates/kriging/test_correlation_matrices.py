@@ -6,7 +6,7 @@ import jax
 import numpy as np
 import pytest
 
-from structid.device import jnp
+from structid.engine.device import jnp
 from structid.surrogates.kriging import correlation_matrices
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.correlations import FAMILIES, correlation

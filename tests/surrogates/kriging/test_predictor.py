@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.probability.designs import Design
 from structid.surrogates.kriging import universal_kriging
 from structid.surrogates.kriging.hyperparameters import HyperparameterObjective
@@ -151,7 +151,7 @@ def test_outputs_of_their_own_and_together():
 
 
 def test_predict_in_jax_is_predict_in_numpy():
-    from structid.device import jnp
+    from structid.engine.device import jnp
 
     design = SPACE.sample(30, seed=9)
     predictor = si.Kriging().fit(design, smooth(design.values))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError, Status
-from structid.surrogates.registry import load_surrogate
-from structid.surrogates.validation import relative_errors
+from structid.core.errors import InputError, Status
+from structid.surrogates.surrogate_list import load_surrogate
+from structid.surrogates.surrogate_validation import relative_errors
 
 SPACE = si.ParameterSpace(
     stiffness=si.Normal(7.42, 0.5, low=5.0, high=10.0, unit="kN/mm"), gamma_ratio=si.Uniform(-0.5, 1.0)

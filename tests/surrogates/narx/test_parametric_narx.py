@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import structid as si
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 DT = 0.01
 

@@ -5,7 +5,7 @@ import pytest
 import scipy.stats
 
 import structid as si
-from structid.errors import InputError, StructidWarning
+from structid.core.errors import InputError, StructidWarning
 
 
 @pytest.fixture(scope="module")

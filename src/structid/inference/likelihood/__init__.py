@@ -1,1 +1,1 @@
-"""Likelihood: what was measured, the law of the discrepancy, the posterior."""
+"""Likelihood and posterior: observations, their likelihoods, the posterior, the misfit."""

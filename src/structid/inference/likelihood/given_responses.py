@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.inference.likelihood.bound import BoundLikelihood
-from structid.inference.likelihood.joint import JointLikelihood
+from structid.inference.likelihood.joint_likelihood import JointLikelihood
+from structid.inference.likelihood.observation_likelihood import BoundLikelihood
 
 
 class GivenResponses:

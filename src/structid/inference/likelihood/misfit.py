@@ -12,14 +12,14 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.device import jnp, over_runs
-from structid.inference.likelihood.batches import in_batches
-from structid.inference.likelihood.bound import BoundLikelihood, Measured
-from structid.inference.likelihood.joint import JointLikelihood
-from structid.inference.likelihood.one_response import squares_of
-from structid.mechanics.lanes.in_lanes import InLanes
-from structid.mechanics.slopes import with_slopes
-from structid.mechanics.time_loop import Fold, TimeLoop, with_sensitivities
+from structid.engine.batches import in_batches
+from structid.engine.device import jnp, over_runs
+from structid.engine.lanes.in_lanes import InLanes
+from structid.engine.slopes import with_slopes
+from structid.engine.time_loop import Fold, TimeLoop, with_sensitivities
+from structid.inference.likelihood.joint_likelihood import JointLikelihood
+from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured
+from structid.inference.likelihood.shared_response import squares_of
 from structid.models.traceable import as_traceable
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace

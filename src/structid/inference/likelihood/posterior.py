@@ -12,25 +12,26 @@ from typing import Any
 import jax
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.channels import check_channels
-from structid.device import BATCH_SIZES, jnp
-from structid.errors import InputError
-from structid.hashing import digest
-from structid.inference.likelihood.batches import in_batches
-from structid.inference.likelihood.bound import Measured
-from structid.inference.likelihood.discrepancy import ErrorLaw
+from structid.core.channels import check_channels
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.progress import Progress
+from structid.core.units import same_dimension, squared
+from structid.core.validation import check_arguments
+from structid.engine.batches import LARGEST_BATCH, in_batches
+from structid.engine.device import BATCH_SIZES, jnp
+from structid.engine.lanes.differentiable import differentiable_in_lanes
+from structid.engine.lanes.in_lanes import InLanes
+from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.independent import IID
 from structid.inference.likelihood.given_responses import GivenResponses
-from structid.inference.likelihood.independent import IID
-from structid.inference.likelihood.joint import JointLikelihood
+from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.misfit import Misfit
+from structid.inference.likelihood.observation_likelihood import Measured
 from structid.inference.target import Target
-from structid.mechanics.lanes.differentiable import differentiable_in_lanes
-from structid.mechanics.lanes.in_lanes import InLanes
-from structid.models.face import LARGEST_BATCH, Map, Model, Progress
+from structid.models.base import Map, Model
 from structid.observation import Observation
 from structid.probability.space import ParameterSpace
-from structid.units import same_dimension, squared
 
 
 @check_arguments

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.hashing import digest
-from structid.journal import Journal, compare_identity, opened_hdf5
+from structid.core.hashing import digest
+from structid.core.journal import Journal, compare_identity, opened_hdf5
 
 SCHEMA = 5
 """Version of the layout inside the file, and of the moves that continue from it."""

@@ -12,16 +12,17 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import ConvergenceError, InputError
+from structid.core.errors import ConvergenceError, InputError
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
 from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.base import Block, Cost, Drawn, Keep, Sampler, correlation, joined
 from structid.inference.sampling.moves import EnsembleState, IndependenceLaw, Moves, halves, move_walkers
-from structid.inference.sampling.other_coordinates import InCoordinates
-from structid.inference.sampling.sampler import Block, Cost, Drawn, Keep, Sampler, correlation, joined
-from structid.inference.sampling.starting import tempered_draws
+from structid.inference.sampling.starting_points import tempered_draws
+from structid.inference.sampling.transformed_density import InCoordinates
 from structid.inference.target import Target
-from structid.models.face import Model, Progress
-from structid.streams import Purpose, stream
+from structid.models.base import Model
 
 START_TRIES = 5
 """Rounds of searching for starting points at which the model itself has a finite density."""

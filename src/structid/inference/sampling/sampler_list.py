@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, get_type_hints
 
+from structid.inference.sampling.aies import AIES, study_defaults
+from structid.inference.sampling.base import Sampler
 from structid.inference.sampling.delayed_acceptance import DelayedAcceptance
-from structid.inference.sampling.ensemble import AIES, study_defaults
-from structid.inference.sampling.gradient import NUTS
-from structid.inference.sampling.sampler import Sampler
-from structid.inference.sampling.tempered import SMC
+from structid.inference.sampling.nuts import NUTS
+from structid.inference.sampling.smc.smc import SMC
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,23 +7,23 @@ from pathlib import Path
 from typing import Any
 
 from structid.calibration.plan import Plan
-from structid.errors import InputError, suggestion
+from structid.core.errors import InputError, suggestion
+from structid.core.hashing import digest
+from structid.core.units import to_si
 from structid.ground_motion.record import GroundMotion
-from structid.hashing import digest
-from structid.inference.law_choice import AUTO
+from structid.inference.error_model_choice import AUTO
 from structid.inference.likelihood.posterior import Posterior
-from structid.inference.sampling.sampler import Sampler
-from structid.models.face import Model
-from structid.models.loop_lines import LoopLines
+from structid.inference.sampling.base import Sampler
+from structid.models.base import Model
+from structid.models.hysteretic.loop_lines import LoopLines
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.study.building.fragilities import PlannedFragility
 from structid.study.building.named_kind import kind_named
 from structid.study.building.parameter_studies import PlannedParameterStudy
 from structid.study.schema.study_file import StudyFile
-from structid.surrogates import registry
-from structid.surrogates.kind import SurrogateKind
-from structid.units import to_si
+from structid.surrogates import surrogate_list as registry
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ from structid.study.building.named_kind import kind_named
 from structid.study.building.records import load_record
 from structid.study.schema.static_tables import CampaignSection
 from structid.study.schema.study_file import StudyFile
-from structid.surrogates import registry
+from structid.surrogates import surrogate_list as registry
 
 SURROGATE_RUNS = 500
 """Number of true runs, for a study with a surrogate that does not give one."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from structid.calibration.plan import Plan
-from structid.errors import InputError, within
+from structid.core.errors import InputError, within
 from structid.ground_motion.excitation import Excitation
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import check_memory
@@ -16,7 +16,7 @@ from structid.probability.designs import Design
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.schema.study_file import StudyFile
-from structid.surrogates.registry import DEFAULT
+from structid.surrogates.surrogate_list import DEFAULT
 
 EXACT = 1e-9
 """Difference of a response from the measured one, in parts of its peak, that is rounding alone."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.ground_motion.record import GroundMotion
-from structid.models.face import Model
+from structid.models.base import Model
 from structid.study.building.parameter_studies import limit_of
 from structid.study.building.records import load_record
 from structid.study.schema.study_file import StudyFile

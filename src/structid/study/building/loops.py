@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from structid.errors import within
-from structid.models.loop_lines import LoopLines
+from structid.core.errors import within
+from structid.models.hysteretic.loop_lines import LoopLines
 from structid.study.schema.static_tables import LoopSection
 
 

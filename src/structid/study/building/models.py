@@ -6,13 +6,13 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError, suggestion, within
-from structid.models.face import Model
-from structid.models.kind import ModelKind, ModelRequest
+from structid.core.errors import InputError, suggestion, within
+from structid.models import model_list
+from structid.models.base import Model
+from structid.models.model_kind import ModelKind, ModelRequest
 from structid.probability.expressions import parse_expression
 from structid.probability.space import ParameterSpace
 from structid.study.building.named_kind import kind_named
-from structid.study.kinds import model_list
 from structid.study.schema.static_tables import ModelSection
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from typing import Protocol, TypeVar
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 
 class Named(Protocol):

@@ -8,24 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from structid.channels import standard_unit
-from structid.errors import InputError, within
+from structid.core.channels import standard_unit
+from structid.core.errors import InputError, within
+from structid.core.streams import Purpose, stream
+from structid.core.units import factor_of, si_unit, squared, to_si
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
-from structid.inference.law_choice import AUTO
-from structid.inference.likelihood import law_list
-from structid.inference.likelihood.discrepancy import ErrorLaw
-from structid.inference.likelihood.independent import IID
-from structid.inference.likelihood.law_kind import SQUARED
-from structid.models.face import Model
+from structid.inference.error_model_choice import AUTO
+from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.error_model_kind import SQUARED
+from structid.inference.error_models.independent import IID
+from structid.models.base import Model
 from structid.observation import Observation
-from structid.streams import Purpose, stream
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.building.priors import known_or_prior, prior_of
 from structid.study.schema.static_tables import ObservationSection, PriorSection, VirtualSection
 from structid.study.schema.study_file import CalibrationFile
-from structid.units import factor_of, si_unit, squared, to_si
 
 
 def build_observation(

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from structid.errors import check_choice
-from structid.models.face import Model
+from structid.core.errors import check_choice
+from structid.core.units import to_si
+from structid.models.base import Model
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.study.schema.study_file import StudyFile
-from structid.units import to_si
 
 
 @dataclass(frozen=True)

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from structid.errors import InputError, within
-from structid.models.loop_lines import SMALLEST_SPREAD, LoopLines
+from structid.core.errors import InputError, within
+from structid.core.units import factor, factor_of, to_si
+from structid.models import model_list
+from structid.models.hysteretic.loop_lines import SMALLEST_SPREAD, LoopLines
 from structid.probability import marginals
 from structid.probability.space import ParameterSpace
 from structid.probability.truncation import Marginal
 from structid.study.building.named_kind import kind_named
-from structid.study.kinds import model_list
 from structid.study.schema.static_tables import PriorSection
 from structid.study.schema.study_file import CalibrationFile
-from structid.units import factor, factor_of, to_si
 
 LOOP = "loop"
 """Where a prior is made of a measured loop."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 from structid.ground_motion.record import GroundMotion
 from structid.study.schema.static_tables import RecordSection
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from structid.calibration.plan import Plan
-from structid.errors import InputError, within
+from structid.core.errors import InputError, within
 from structid.inference.sampling import sampler_list
-from structid.inference.sampling.sampler import Sampler
+from structid.inference.sampling.base import Sampler
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.schema.kinds import SamplerSection
 from structid.study.schema.static_tables import CalibrationSection

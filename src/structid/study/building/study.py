@@ -7,13 +7,13 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from structid.channels import standard_unit
-from structid.errors import InputError, StructidWarning, within
+from structid.core.channels import standard_unit
+from structid.core.errors import InputError, StructidWarning, within
 from structid.ground_motion.record import GroundMotion
 from structid.ground_motion.record_files import lines_of
 from structid.inference.likelihood.posterior import Posterior
-from structid.models.face import Model
-from structid.models.loop_lines import LoopLines
+from structid.models.base import Model
+from structid.models.hysteretic.loop_lines import LoopLines
 from structid.observation import Observation
 from structid.probability.marginals import Gamma
 from structid.probability.space import ParameterSpace

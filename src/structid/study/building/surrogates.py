@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError, within
-from structid.models.face import Progress
-from structid.runs import Runs
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError, within
+from structid.core.progress import Progress
 from structid.study.building.named_kind import check_keys, kind_named
 from structid.study.schema.kinds import SurrogateSection
-from structid.surrogates import registry
-from structid.surrogates.face import Surrogate, SurrogateSettings
-from structid.surrogates.kind import SurrogateKind
+from structid.surrogates import surrogate_list as registry
+from structid.surrogates.base import Surrogate, SurrogateSettings
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 _COMMON = ("kind", "validation", "limit", "outside", "trust", "model_error")
 

@@ -10,16 +10,16 @@ import numpy as np
 from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
-from structid.errors import Status
+from structid.core.errors import Status
 from structid.ground_motion.record import GroundMotion
 from structid.histories import Histories
 from structid.hybrid.programme import ProgrammeResult
-from structid.hybrid.virtual_test import VirtualHybridTest
+from structid.hybrid.virtual_experiment import VirtualHybridTest
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sample import sample
 from structid.inference.sampling_result import SamplingResult
-from structid.models.imposed_displacements import ImposedDisplacements
-from structid.report.programme_material import Learnt, PredictedTest
+from structid.models.hysteretic.imposed_displacements import ImposedDisplacements
+from structid.report.material.programme_material import Learnt, PredictedTest
 from structid.study.building.observations import build_discrepancy
 from structid.study.building.priors import parameter_space
 from structid.study.building.samplers import build_plan, build_sampler

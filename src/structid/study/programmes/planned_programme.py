@@ -9,27 +9,28 @@ from pathlib import Path
 
 import numpy as np
 
-from structid.errors import InputError, suggestion, within
+from structid.core.errors import InputError, suggestion, within
+from structid.core.units import to_si
 from structid.ground_motion.record import GroundMotion
-from structid.hybrid.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
-from structid.hybrid.coupling import Coupling
-from structid.hybrid.gravouil_combescure import GravouilCombescure
-from structid.hybrid.hybrid_test import HybridTest
-from structid.hybrid.openfresco import OpenFrescoSpecimen
-from structid.hybrid.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.control.compensation import AdaptiveTimeSeries, Compensation, PolynomialExtrapolation
+from structid.hybrid.control.transfer_system import Actuator, Sensor
+from structid.hybrid.coupling.base import Coupling
+from structid.hybrid.coupling.gravouil_combescure import GravouilCombescure
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.experiment import HybridTest
+from structid.hybrid.laboratory.openfresco import OpenFrescoSpecimen
+from structid.hybrid.laboratory.remote import RemoteSpecimen
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.laboratory.specimen import Specimen
+from structid.hybrid.online.unscented_filter import UnscentedFilter
 from structid.hybrid.programme import Programme
-from structid.hybrid.remote import RemoteSpecimen
-from structid.hybrid.simulated_specimen import SimulatedSpecimen
-from structid.hybrid.specimen import Specimen
-from structid.hybrid.substructure import Substructure
-from structid.hybrid.transfer import Actuator, Sensor
-from structid.hybrid.unscented_filter import UnscentedFilter
+from structid.hybrid.substructures.substructure import Substructure
+from structid.models import model_list
 from structid.models.traceable import TraceableModel, as_traceable
 from structid.study.building.models import build_model
 from structid.study.building.named_kind import kind_named
 from structid.study.building.priors import parameter_space
 from structid.study.building.records import load_record
-from structid.study.kinds import model_list
 from structid.study.programmes.programme_file import (
     CompensationSection,
     CouplingSection,
@@ -39,7 +40,6 @@ from structid.study.programmes.programme_file import (
 )
 from structid.study.programmes.two_storeys import CutStructure, cut_structure, force_of, moved_channels, moved_model
 from structid.study.schema.static_tables import ModelSection
-from structid.units import to_si
 
 OPENFRESCO = "openfresco://"
 

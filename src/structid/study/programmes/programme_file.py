@@ -9,14 +9,14 @@ from typing import Annotated, Any, Literal
 import pydantic
 from pydantic import Field, create_model
 
-from structid.fem import wall_kind
-from structid.inference.likelihood import law_list
-from structid.inference.likelihood.law_kind import LawKind
+from structid.core.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
+from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models.error_model_kind import LawKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
-from structid.keys import Fraction, MetresPerSecond, MetresPerSecondSquared, Seconds, Section, quantity
-from structid.models.kind import ModelKind
-from structid.study.kinds import model_list
+from structid.models import model_list
+from structid.models.masonry import wall_kind
+from structid.models.model_kind import ModelKind
 from structid.study.schema.kinds import (
     SurrogateSection,
     discrepancy_section,
@@ -27,8 +27,8 @@ from structid.study.schema.kinds import (
 from structid.study.schema.problems import StudyErrors, problem
 from structid.study.schema.static_tables import LARGEST_COUNT, CalibrationSection, ModelSection, PriorSection
 from structid.study.schema.study_file import CalibrationFile, study_content
-from structid.surrogates import registry as surrogates
-from structid.surrogates.kind import SurrogateKind
+from structid.surrogates import surrogate_list as surrogates
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 Kilograms: Any = quantity("kg")
 Metres: Any = quantity("m")

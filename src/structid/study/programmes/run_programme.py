@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.journal import write_then_rename
+from structid.hybrid.experiment import HybridTest
 from structid.hybrid.feasibility import Feasibility
-from structid.hybrid.hybrid_test import HybridTest
 from structid.hybrid.programme import ProgrammeResult, store_of
-from structid.hybrid.result_file import open_hybrid
-from structid.journal import write_then_rename
+from structid.hybrid.recording.result_file import open_hybrid
+from structid.report.material.programme_material import Learnt, ProgrammeMaterial
 from structid.report.page import write_programme_report
-from structid.report.programme_material import Learnt, ProgrammeMaterial
 from structid.study.folder import INPUTS, POSTERIOR, STUDY, TIMINGS
 from structid.study.programmes.learnt_of_tests import learnt_of
 from structid.study.programmes.planned_programme import PlannedProgramme, planned

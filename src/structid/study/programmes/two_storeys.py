@@ -9,21 +9,21 @@ from typing import cast
 
 import numpy as np
 
-from structid.errors import InputError
-from structid.fem.masonry_wall import MasonryWall
-from structid.fem.static_wall import BEAM
-from structid.hybrid.facade_parts import FloorMasses, facade_parts
-from structid.hybrid.frame_parts import cut_frame
-from structid.hybrid.substructure import Substructure
-from structid.hybrid.updated_springs import UpdatedSprings
+from structid.core.errors import InputError
+from structid.hybrid.online.updated_springs import UpdatedSprings
+from structid.hybrid.substructures.facade_parts import FloorMasses, facade_parts
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.hybrid.substructures.substructure import Substructure
 from structid.mechanics.carried_over import CarriedOver
 from structid.mechanics.restoring_forces import HystereticSprings, RestoringForce
-from structid.models.face import Model
-from structid.models.shear_frame import ShearFrame
+from structid.models import model_list
+from structid.models.base import Model
+from structid.models.hysteretic.shear_frame import ShearFrame
+from structid.models.masonry.equations.static_wall import BEAM
+from structid.models.masonry.masonry_wall import MasonryWall
 from structid.models.traceable import as_traceable
 from structid.study.building.models import true_model
 from structid.study.building.named_kind import kind_named
-from structid.study.kinds import model_list
 from structid.study.programmes.programme_file import FacadeSection, ShearFrameSection
 from structid.study.schema.static_tables import ModelSection
 

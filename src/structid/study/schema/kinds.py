@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Union
 
 from pydantic import Field, create_model, model_validator
 
-from structid.inference.law_choice import AUTO
-from structid.inference.likelihood.law_kind import LawKind
+from structid.core.keys import Section
+from structid.inference.error_model_choice import AUTO
+from structid.inference.error_models.error_model_kind import LawKind
 from structid.inference.sampling.sampler_list import SamplerKind
-from structid.keys import Section
-from structid.models.kind import ModelKind
+from structid.models.model_kind import ModelKind
 from structid.study.schema.static_tables import LARGEST_COUNT, ModelSection, PriorSection, VirtualSection
-from structid.surrogates.kind import SurrogateKind
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 class SurrogateSection(Section):

@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
-from structid.errors import InputError, suggestion
+from structid.core.errors import InputError, suggestion
 
 
 class StudyErrors(InputError):

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from structid.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
+from structid.core.keys import Fraction, Hertz, MetresPerSecond, MetresPerSecondSquared, Seconds, Section
 
 LARGEST_COUNT = 1_000_000
 """Of runs, points or draws that a file may ask for: more are a slip of the finger, and would not fit the memory."""

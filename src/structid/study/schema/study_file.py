@@ -11,14 +11,14 @@ from typing import Annotated, Any
 import pydantic
 from pydantic import BeforeValidator, Field, create_model
 
-from structid.errors import InputError
-from structid.inference.likelihood import law_list
-from structid.inference.likelihood.law_kind import LawKind
+from structid.core.errors import InputError
+from structid.core.keys import Section
+from structid.inference.error_models import error_model_list as law_list
+from structid.inference.error_models.error_model_kind import LawKind
 from structid.inference.sampling import sampler_list
 from structid.inference.sampling.sampler_list import SamplerKind
-from structid.keys import Section
-from structid.models.kind import ModelKind
-from structid.study.kinds import model_list
+from structid.models import model_list
+from structid.models.model_kind import ModelKind
 from structid.study.schema.kinds import (
     DiscrepancySection,
     SamplerSection,
@@ -43,8 +43,8 @@ from structid.study.schema.static_tables import (
     PriorSection,
     RecordSection,
 )
-from structid.surrogates import registry as surrogates
-from structid.surrogates.kind import SurrogateKind
+from structid.surrogates import surrogate_list as surrogates
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 class CalibrationFile(Section):

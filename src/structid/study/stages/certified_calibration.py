@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from structid.calibration.sequential import calibrate
 from structid.campaign.store import CALIBRATION_FOLDER
-from structid.errors import UnlikeMeasuredWarning
-from structid.inference.law_choice import AUTO
+from structid.core.errors import UnlikeMeasuredWarning
+from structid.inference.error_model_choice import AUTO
 from structid.study.building.surrogates import surrogate_settings
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 from structid.study.timings import StagesAsTold

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from structid.core.journal import write_then_rename
 from structid.inference.likelihood.posterior import Posterior
-from structid.journal import write_then_rename
 from structid.optimize.interior_point import interior_point
 from structid.optimize.minima import Minimum, OptimizeResult
 from structid.optimize.pattern_search import pattern_search

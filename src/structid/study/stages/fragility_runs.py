@@ -7,7 +7,7 @@ from dataclasses import replace
 from structid.reliability.fragility import fragility
 from structid.study.folder import FRAGILITY
 from structid.study.stages.stage import Findings, StudyStage, Workplace
-from structid.surrogates.registry import DEFAULT
+from structid.surrogates.surrogate_list import DEFAULT
 
 
 def _run(found: Findings, place: Workplace) -> Findings:

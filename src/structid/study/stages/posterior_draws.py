@@ -7,7 +7,7 @@ from dataclasses import replace
 from structid.inference.sample import sample
 from structid.inference.sampling_result import SamplingResult
 from structid.study.folder import CHAINS, CHAINS_WITHOUT_HIDDEN
-from structid.study.stages.law_of_errors import with_law
+from structid.study.stages.error_model_stage import with_law
 from structid.study.stages.stage import Findings, StudyStage, Workplace
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 from structid.inference.sampling_result import SamplingResult
 from structid.report import section_list
-from structid.report.drawn import draw
-from structid.report.material import PosteriorMaterial, RunsMaterial
+from structid.report.drawing.drawn_sections import draw
+from structid.report.material.material import PosteriorMaterial, RunsMaterial
 from structid.report.page import write_posterior_report, write_runs_report
 from structid.study.folder import FIGURES, POSTERIOR
 from structid.study.stages.stage import Findings, StudyStage, Workplace

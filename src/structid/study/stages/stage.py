@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from structid.calibration.calibration_result import CalibrationResult
-from structid.inference.law_choice import LawChoice
+from structid.campaign.runs import Runs
+from structid.inference.error_model_choice import LawChoice
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.sampling_result import SamplingResult
 from structid.optimize.minima import OptimizeResult
 from structid.reliability.fragility import Fragility
 from structid.reliability.parameter_study import ParameterStudy
-from structid.report.material import PosteriorMaterial
-from structid.runs import Runs
+from structid.report.material.material import PosteriorMaterial
 from structid.study.building.built_study import BuiltStudy
 from structid.study.folder import STUDY, TIMINGS
 from structid.study.timings import Stage, Timings
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 
 @dataclass(frozen=True, eq=False)

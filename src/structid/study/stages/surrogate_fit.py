@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from structid.campaign.runner import Campaign
-from structid.errors import InputError
-from structid.streams import Purpose, derived_seed
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, derived_seed
 from structid.study.building.built_study import BuiltStudy
 from structid.study.building.surrogates import fitted_surrogate
 from structid.study.folder import SURROGATE, VALIDATION
 from structid.study.stages.report_page import write_runs_page
 from structid.study.stages.stage import Findings, StudyStage, Workplace
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 
 
 def _run(found: Findings, place: Workplace) -> Findings:

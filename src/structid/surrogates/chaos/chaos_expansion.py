@@ -9,9 +9,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, stream
 from structid.probability.space import ParameterSpace
-from structid.streams import Purpose, stream
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 
 

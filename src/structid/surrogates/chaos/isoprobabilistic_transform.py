@@ -8,7 +8,7 @@ import jax.scipy.special
 import numpy as np
 import scipy
 
-from structid.device import jnp
+from structid.engine.device import jnp
 from structid.probability.space import ParameterSpace
 
 

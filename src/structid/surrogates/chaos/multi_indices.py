@@ -9,7 +9,7 @@ import itertools
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 LARGEST_BASIS = 200_000
 """Largest number of terms; a larger basis is refused as a mistake."""

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from structid.array_module import namespace
+from structid.core.units import factor
+from structid.engine.array_module import namespace
 from structid.probability.quadrature import probability_nodes
 from structid.probability.truncation import Marginal
-from structid.units import factor
 
 QUADRATURE_NODES = 2000
 """Quadrature nodes that represent a distribution whose recurrence is computed numerically."""

@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, check_choice
-from structid.models.face import Progress
+from structid.core.errors import InputError, check_choice
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion

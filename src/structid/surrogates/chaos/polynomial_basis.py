@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from structid.array_module import namespace
+from structid.engine.array_module import namespace
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
 from structid.surrogates.chaos.orthogonal_polynomials import OrthonormalFamily

@@ -16,8 +16,8 @@ import scipy
 
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis, box_variables
-from structid.surrogates.search import quasi_newton
-from structid.surrogates.symmetric import inverse_of, raised_cholesky
+from structid.surrogates.covariance_factors import inverse_of, raised_cholesky
+from structid.surrogates.quasi_newton import quasi_newton
 
 LOG_RATES = (-4.0, 2.5)
 """Range of the logarithm of a decay rate."""

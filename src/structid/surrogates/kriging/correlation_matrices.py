@@ -10,9 +10,9 @@ import jax
 import numpy as np
 from jax import lax
 
-from structid.device import jnp
-from structid.mechanics.lanes.in_lanes import InLanes
-from structid.mechanics.lanes.signals import Signals
+from structid.engine.device import jnp
+from structid.engine.lanes.in_lanes import InLanes
+from structid.engine.lanes.signals import Signals
 from structid.surrogates.kriging.correlations import correlation_at, correlation_of, relative_slope
 
 LARGEST_CALL = 4_000_000

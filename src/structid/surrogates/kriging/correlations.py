@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from structid.array_module import namespace
-from structid.device import jnp
+from structid.engine.array_module import namespace
+from structid.engine.device import jnp
 
 FAMILIES = ("exponential", "matern32", "matern52", "gaussian")
 """Names of the correlation functions."""

@@ -7,15 +7,15 @@ from functools import cached_property
 import numpy as np
 import scipy
 
+from structid.core.progress import Steps
+from structid.surrogates.covariance_factors import inverse_of
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices
 from structid.surrogates.kriging.kriging_system import (
     KrigingData,
     generalised_least_squares,
     raised_correlation_cholesky,
 )
-from structid.surrogates.progress import Steps
-from structid.surrogates.search import quasi_newton
-from structid.surrogates.symmetric import inverse_of
+from structid.surrogates.quasi_newton import quasi_newton
 
 LOG_LENGTHS = (-4.0, 7.0)
 """Range of the logarithm of a correlation length, in standard deviations of the design."""

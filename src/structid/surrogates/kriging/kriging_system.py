@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from structid.surrogates.symmetric import inverse_of, raised_cholesky
+from structid.surrogates.covariance_factors import inverse_of, raised_cholesky
 
 LARGEST_RAISED_NUGGET = 1e-5
 """A nugget is raised up to this where rounding makes the matrix indefinite; beyond it the points are too close to interpolate."""

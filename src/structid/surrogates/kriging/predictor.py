@@ -16,9 +16,9 @@ import jax.scipy.linalg
 import numpy as np
 import scipy.linalg
 
-from structid.array_module import namespace
-from structid.device import jnp
-from structid.mechanics.lanes.row_by_row import product, product_of
+from structid.engine.array_module import namespace
+from structid.engine.device import jnp
+from structid.engine.matrices.row_by_row import product, product_of
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
 from structid.surrogates.kriging.correlation_matrices import CorrelationMatrices

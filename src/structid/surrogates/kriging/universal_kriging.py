@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.cores import blas_threads
-from structid.errors import InputError, check_choice
-from structid.models.face import Progress
+from structid.core.cores import blas_threads
+from structid.core.errors import InputError, check_choice
+from structid.core.progress import Progress, Steps
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
 from structid.probability.designs import Design
-from structid.streams import Purpose, stream
 from structid.surrogates.chaos.multi_indices import multi_indices
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis
@@ -28,7 +28,6 @@ from structid.surrogates.kriging.hyperparameters import (
 )
 from structid.surrogates.kriging.kriging_system import KrigingData, KrigingFactors
 from structid.surrogates.kriging.predictor import KrigingGroup, KrigingPredictor
-from structid.surrogates.progress import Steps
 from structid.surrogates.regression import check_training
 
 SMALL = 500

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from structid.mechanics.lanes.row_by_row import product
+from structid.engine.matrices.row_by_row import product
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.regression import Regression
-from structid.surrogates.regressions import regression_from_plain
+from structid.surrogates.regression_list import regression_from_plain
 
 
 @dataclass(frozen=True, eq=False)

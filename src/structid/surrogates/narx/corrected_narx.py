@@ -8,20 +8,19 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.campaign.runs import InMemory, Runs
+from structid.core.errors import InputError
+from structid.core.progress import Progress, Stages
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
 from structid.probability.designs import Design
-from structid.runs import InMemory, Runs
-from structid.surrogates.face import SurrogateSettings
+from structid.surrogates.base import SurrogateSettings
 from structid.surrogates.fit import Fit, OutsideRule, Stopwatch, fitted_range, fitting_runs, run_digests
-from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.narx_with_rest import NARXWithRest
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARXSettings
 from structid.surrogates.pod.pod_kriging import PODKriging
-from structid.surrogates.progress import Stages
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 STAGES = {"narx": 10.0, "rest": 2.0}
 """Stages of a fit, and their share of its time."""

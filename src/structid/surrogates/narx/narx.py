@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError, Status
+from structid.campaign.runs import InMemory, Runs
+from structid.core.errors import InputError, Status
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.runs import InMemory, Runs
 from structid.surrogates.chaos.pce import PCE
-from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import NARXSettings
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 @check_arguments

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from structid.models.face import Progress
+from structid.campaign.runs import Runs
+from structid.core.progress import Progress, Stages
 from structid.probability.designs import Design
-from structid.runs import Runs
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
 from structid.surrogates.chaos.multi_indices import multi_indices
 from structid.surrogates.chaos.pce import PCE
@@ -27,16 +27,15 @@ from structid.surrogates.fit import (
 from structid.surrogates.in_coordinates import coordinate_design
 from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.narx.coefficients import Coefficients
-from structid.surrogates.narx.experiments import Experiments
-from structid.surrogates.narx.free_run import FreeRun, robust_loss
-from structid.surrogates.narx.one_step_regression import first_coefficients, least_squares_of_each
 from structid.surrogates.narx.parametric_narx import ParametricNARX, with_held_out_spread
 from structid.surrogates.narx.settings import NARXSettings, check_terms_of_chaos, held_out_rows
-from structid.surrogates.narx.structure import build_recursion
-from structid.surrogates.narx.term_selection import select_terms
-from structid.surrogates.narx.training import refined_coefficients, train_free_run
-from structid.surrogates.narx.training_set import TrainingSet, spread_rows, training_set
-from structid.surrogates.progress import Stages
+from structid.surrogates.narx.structure.experiments import Experiments
+from structid.surrogates.narx.structure.narx_structure import build_recursion
+from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
+from structid.surrogates.narx.training.least_squares import refined_coefficients, train_free_run
+from structid.surrogates.narx.training.one_step_regression import first_coefficients, least_squares_of_each
+from structid.surrogates.narx.training.term_selection import select_terms
+from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows, training_set
 from structid.surrogates.regression import Regression
 
 TRAINING_BOUND = 2.0

@@ -7,12 +7,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.device import jnp
+from structid.core.hashing import digest
+from structid.engine.device import jnp
+from structid.engine.time_loop import TimeLoop
 from structid.ground_motion.excitation import Excitation
-from structid.hashing import digest
-from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.narx.parametric_narx import ParametricNARX

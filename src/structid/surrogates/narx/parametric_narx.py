@@ -14,28 +14,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
-from structid.array_module import namespace
-from structid.device import jnp
-from structid.errors import InputError, Status, StructidWarning
+from structid.campaign.runs import InMemory, Runs
+from structid.core.errors import InputError, Status, StructidWarning
+from structid.core.progress import Progress
+from structid.engine.array_module import namespace
+from structid.engine.device import jnp
+from structid.engine.time_loop import TimeLoop
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
-from structid.mechanics.time_loop import TimeLoop
-from structid.models.face import Progress
 from structid.models.traceable import TracedExcitation
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.runs import InMemory, Runs
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.narx.coefficients import Coefficients
-from structid.surrogates.narx.experiments import Experiments, input_signals
-from structid.surrogates.narx.free_run import FreeRun
-from structid.surrogates.narx.one_step_regression import least_squares_of_each
-from structid.surrogates.narx.recursion import Recursion
-from structid.surrogates.narx.terms import Memory, Term
-from structid.surrogates.narx.training import refined_coefficients
-from structid.surrogates.narx.training_set import training_set
-from structid.surrogates.validation import Validation, validate
+from structid.surrogates.narx.structure.experiments import Experiments, input_signals
+from structid.surrogates.narx.structure.recursion import Recursion
+from structid.surrogates.narx.structure.terms import Memory, Term
+from structid.surrogates.narx.training.free_run import FreeRun
+from structid.surrogates.narx.training.least_squares import refined_coefficients
+from structid.surrogates.narx.training.one_step_regression import least_squares_of_each
+from structid.surrogates.narx.training.training_set import training_set
+from structid.surrogates.surrogate_validation import Validation, validate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

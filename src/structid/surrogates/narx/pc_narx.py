@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.models.face import Progress
-from structid.runs import Runs
+from structid.campaign.runs import Runs
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.surrogates.chaos.pce import PCE
-from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.narx.corrected_narx import CorrectedNARX
 from structid.surrogates.narx.narx_fit import NARXFit
 from structid.surrogates.narx.parametric_narx import ParametricNARX
 from structid.surrogates.narx.settings import JOINT_KEYS, NARX_KEYS, NARXSettings
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 @check_arguments

@@ -13,17 +13,17 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from structid.errors import InputError, check_choice
+from structid.core.errors import InputError, check_choice
+from structid.core.keys import Seconds
+from structid.core.streams import Purpose, stream
 from structid.ground_motion.excitation import Excitation
-from structid.keys import Seconds
 from structid.probability.designs import Design
 from structid.probability.space import ParameterSpace
-from structid.streams import Purpose, stream
 from structid.surrogates.fit import OutsideRule, check_enough, common_step
 from structid.surrogates.in_coordinates import coordinate_design
-from structid.surrogates.narx.experiments import Signals
-from structid.surrogates.narx.structure import structure_of
-from structid.surrogates.narx.terms import Memory, Term, as_memories, as_terms
+from structid.surrogates.narx.structure.experiments import Signals
+from structid.surrogates.narx.structure.narx_structure import structure_of
+from structid.surrogates.narx.structure.terms import Memory, Term, as_memories, as_terms
 
 
 @dataclass(frozen=True)

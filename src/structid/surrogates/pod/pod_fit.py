@@ -8,11 +8,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError
+from structid.core.progress import Progress, Stages
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
 from structid.probability.designs import Design
-from structid.runs import Runs
 from structid.surrogates.fit import (
     Fit,
     OutsideRule,
@@ -27,7 +27,6 @@ from structid.surrogates.in_coordinates import fitted_in_coordinates
 from structid.surrogates.pod.principal_components import principal_components
 from structid.surrogates.pod.record_fit import RecordFit
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
-from structid.surrogates.progress import Stages
 from structid.surrogates.regression import Regression
 
 ScoreRegression = Callable[[str, Design, np.ndarray, Progress], Regression]

@@ -8,21 +8,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.arguments import check_arguments
-from structid.errors import InputError
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
 from structid.probability.designs import Design
-from structid.runs import Runs
 from structid.surrogates.fit import OutsideRule
 from structid.surrogates.in_coordinates import InCoordinates
-from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.kriging.kriging_keys import KRIGING_KEYS, kriging_settings
 from structid.surrogates.kriging.predictor import KrigingPredictor
 from structid.surrogates.kriging.universal_kriging import Kriging
 from structid.surrogates.pod.pod_fit import check_runs, fit_records
 from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 LEFT_OUT, LEFT_OUT_IN_A_CALIBRATION = 1e-8, 1e-13
 """Shares of the variance that components leave out."""

@@ -8,17 +8,17 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from structid.arguments import check_arguments
+from structid.campaign.runs import Runs
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
 from structid.ground_motion.excitation import Excitation
-from structid.models.face import Progress
 from structid.probability.designs import Design
-from structid.runs import Runs
 from structid.surrogates.chaos.pce import PCE
 from structid.surrogates.fit import OutsideRule
-from structid.surrogates.kind import SurrogateKind
 from structid.surrogates.pod.pod_fit import check_runs, fit_records
 from structid.surrogates.pod.principal_components import check_energy
 from structid.surrogates.pod.response_space import ResponseSpaceSurrogate
+from structid.surrogates.surrogate_kind import SurrogateKind
 
 
 @check_arguments

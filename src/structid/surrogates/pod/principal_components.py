@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from structid.errors import InputError
+from structid.core.errors import InputError
 
 
 def check_energy(left_out: float) -> None:

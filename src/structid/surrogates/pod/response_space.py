@@ -7,18 +7,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from structid.array_module import namespace
-from structid.device import jnp
-from structid.errors import InputError
+from structid.core.errors import InputError
+from structid.engine.array_module import namespace
+from structid.engine.device import jnp
+from structid.engine.time_loop import TimeLoop
 from structid.ground_motion.excitation import Excitation
-from structid.mechanics.time_loop import TimeLoop
 from structid.models.traceable import TracedExcitation
-from structid.surrogates.face import Surrogate
+from structid.surrogates.base import Surrogate
 from structid.surrogates.fit import Fit
 from structid.surrogates.named_arrays import found_under, put_under
 from structid.surrogates.pod.record_fit import RecordFit
 from structid.surrogates.pod.score_shortcut import ScoreShortcut, nearest_scores
-from structid.surrogates.regressions import regression_from_plain
+from structid.surrogates.regression_list import regression_from_plain
 
 
 class ResponseSpaceSurrogate(Surrogate):

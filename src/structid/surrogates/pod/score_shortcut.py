@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import jax
 import numpy as np
 
-from structid.device import jnp
-from structid.mechanics.lanes.row_by_row import product
+from structid.engine.device import jnp
+from structid.engine.matrices.row_by_row import product
 from structid.models.traceable import Shortcut
 from structid.surrogates.pod.record_fit import RecordFit
 

@@ -1,0 +1,84 @@
+"""Runs of another version of the model, with which a stored calibration begins anew.
+
+Somebody mends a solver and knows that its finished runs are right. What was concluded from them belongs to the old version: rounds,
+surrogates, draws. The runs themselves are kept, and are the first design of the new version's calibration.
+"""
+
+from __future__ import annotations
+
+import io
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from structid.calibration.requested_limits import FILE as ASKED_LIMITS
+from structid.campaign.parts import parts_of
+from structid.campaign.store import CALIBRATION_RUNS, open_runs
+from structid.certification.model_runs import TrueRuns
+from structid.core.errors import StoreMismatchError
+from structid.core.journal import write_then_rename
+
+FIRST_DESIGN = "first_design.npy"
+"""Points that a calibration begins with, where these are not the planned ones."""
+
+
+def first_design(folder: Path | None, planned: np.ndarray) -> np.ndarray:
+    """Give the points that a calibration begins with.
+
+    Parameters
+    ----------
+    folder : Path or None
+        Of the stored calibration.
+    planned : ndarray, shape (point, parameter)
+        Those of a calibration that begins with nothing, in SI.
+
+    Returns
+    -------
+    ndarray, shape (point, parameter)
+        Those of runs that were taken over, in SI, or the planned ones.
+    """
+    if folder is None or not (folder / FIRST_DESIGN).is_file():
+        return planned
+    return np.asarray(np.load(folder / FIRST_DESIGN))
+
+
+def take_over(true: TrueRuns) -> None:
+    """Let a stored calibration begin anew with its runs, whatever version of the model they are of.
+
+    Parameters
+    ----------
+    true : TrueRuns
+        Of this version, with the planned points. It gets those of the stored runs.
+
+    Raises
+    ------
+    StoreMismatchError
+        If the runs differ in something else than the model and the engine; nothing is changed then.
+    """
+    folder = true.folder
+    if folder is None or not _of_another_model(true):
+        return
+    stored = open_runs(folder / CALIBRATION_RUNS).design.values
+    points = stored[:: len(true.records)]
+    true.adopt()
+    content = io.BytesIO()
+    np.save(content, points)
+    write_then_rename(folder / FIRST_DESIGN, content.getvalue())
+    kept = {CALIBRATION_RUNS, parts_of(Path(CALIBRATION_RUNS)).name, FIRST_DESIGN, ASKED_LIMITS}
+    for entry in folder.iterdir():
+        if entry.name in kept:
+            continue
+        if entry.is_dir():
+            shutil.rmtree(entry)
+        else:
+            entry.unlink()
+    true.points = points
+
+
+def _of_another_model(true: TrueRuns) -> bool:
+    try:
+        true.refuse_another()
+    except StoreMismatchError:
+        return True
+    return False

@@ -1,0 +1,132 @@
+"""Which form of a surrogate is best where the posterior is: by what it says of each run when that run is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+import scipy
+
+from structid.ground_motion.excitation import Excitation
+from structid.inference.convergence import weighted_size
+from structid.inference.likelihood.posterior import Posterior
+
+EFFECTIVE_SHARE = 0.3
+"""Share of the runs that count in effect."""
+
+
+class KnowsItsErrors(Protocol):
+    """A fitted surrogate that can do without one of its runs."""
+
+    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+        """Predict each run that it was fitted to from all others.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            The runs, in their order.
+        excitation : Excitation
+            What drove them.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN where it cannot.
+        """
+
+
+def best_near_the_posterior(
+    found: Sequence[KnowsItsErrors],
+    posterior: Posterior,
+    theta: np.ndarray,
+    log_true: np.ndarray,
+    ran: Sequence[np.ndarray],
+) -> int:
+    """Choose among surrogates that were fitted to the same runs.
+
+    Parameters
+    ----------
+    found : sequence of KnowsItsErrors
+        To choose among.
+    posterior : Posterior
+        With the measurements.
+    theta : ndarray, shape (run, parameter)
+        All runs, with parameters of the discrepancy, in SI.
+    log_true : ndarray, shape (run,)
+        Their log densities by their true responses; −inf where a run failed.
+    ran : sequence of ndarray of bool, shape (run,)
+        For each observation, to which of its runs the surrogates were fitted.
+
+    Returns
+    -------
+    int
+        Place of that with the smallest error near the posterior.
+    """
+    errors = [error_near_the_posterior(one, posterior, theta, log_true, ran) for one in found]
+    return int(np.argmin(errors))
+
+
+def error_near_the_posterior(
+    surrogate: KnowsItsErrors,
+    posterior: Posterior,
+    theta: np.ndarray,
+    log_true: np.ndarray,
+    ran: Sequence[np.ndarray],
+) -> float:
+    """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.
+
+    A surrogate that errs least over the whole prior is not the one that errs least where the posterior is.
+
+    Parameters
+    ----------
+    surrogate : KnowsItsErrors
+        Fitted to some of these runs.
+    posterior : Posterior
+        With the measurements.
+    theta : ndarray, shape (run, parameter)
+        The runs, with parameters of the discrepancy, in SI.
+    log_true : ndarray, shape (run,)
+        Their log densities by their true responses.
+    ran : sequence of ndarray of bool, shape (run,)
+        For each observation, to which of its runs.
+
+    Returns
+    -------
+    float
+        Root mean square of τ Δ log π with weights π^τ; τ is such that `EFFECTIVE_SHARE` of the runs count.
+    """
+    parameters = np.asarray(posterior.model_parameters(theta))
+    responses = [
+        _among_all(surrogate.left_out(parameters[fitted], observation.record), fitted)
+        for observation, fitted in zip(posterior.observations, ran, strict=True)
+    ]
+    with np.errstate(invalid="ignore"):  # both may be −inf
+        error = log_true - posterior.given(responses).log_density(theta)
+    exponent, weights = _tempered(log_true)
+    known = np.isfinite(error) & (weights > 0.0)
+    return float(exponent * np.sqrt(np.average(error[known] ** 2, weights=weights[known]))) if known.any() else np.inf
+
+
+def _tempered(log_density: np.ndarray) -> tuple[float, np.ndarray]:
+    """The exponent τ ≤ 1 with which a share of the runs count, and weights π^τ."""
+    below = log_density - log_density[np.isfinite(log_density)].max()
+    below = np.where(np.isfinite(below), below, -np.inf)
+
+    def weights(log_exponent: float) -> np.ndarray:
+        return np.asarray(np.exp(np.exp(log_exponent) * below))
+
+    def excess(log_exponent: float) -> float:
+        return weighted_size(weights(log_exponent)) - EFFECTIVE_SHARE * len(below)
+
+    if excess(0.0) >= 0.0:
+        return 1.0, weights(0.0)
+    found = float(scipy.optimize.brentq(excess, -50.0, 0.0)) if excess(-50.0) > 0.0 else -50.0
+    return float(np.exp(found)), weights(found)
+
+
+def _among_all(values: np.ndarray, ran: np.ndarray) -> np.ndarray:
+    """Responses of some runs in their places among all, NaN elsewhere."""
+    everywhere = np.full((len(ran), *values.shape[1:]), np.nan)
+    everywhere[ran] = values
+    return everywhere

@@ -1,0 +1,1 @@
+"""Certificates: bounds on a posterior's moments from runs of the model itself at fresh draws."""

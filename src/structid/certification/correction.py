@@ -1,0 +1,165 @@
+"""What true runs have taught of an approximation: a law between it and the true posterior, whose moments cost no run.
+
+Let q be the law that was drawn, and q′ a law that is nearer to the true posterior π. How far the moments of q are from those of
+q′ costs no run of the model to know: both densities are functions. How far those of q′ are from those of π, true runs say.
+Where q′ is good, this is little. The sum of both is then a sharper statement on q than the weights π/q allow: they bound what
+could be, and the correction says what is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.certification.limits import Limits
+
+ERRORS = 3.0
+"""Monte-Carlo errors that are added to what moves a mean."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """How far q′ is from q.
+
+    Parameters
+    ----------
+    distance : float
+        Total variation, ½ ∫|q′ − q|: no probability of an event differs by more.
+    mean, mean_error : ndarray, shape (parameter,)
+        Mean of q′ minus that of q, in standard deviations of q, and its Monte-Carlo error.
+    sd : ndarray, shape (parameter,)
+        Standard deviation of q′ over that of q.
+    correlation : ndarray, shape (parameter, parameter)
+        Correlations of q′ minus those of q.
+    """
+
+    distance: float
+    mean: np.ndarray
+    mean_error: np.ndarray
+    sd: np.ndarray
+    correlation: np.ndarray
+
+    @classmethod
+    def between(cls, theta: np.ndarray, of_law: np.ndarray, of_learnt: np.ndarray) -> Correction:
+        """Compare two laws by points at which both are known.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            Of any law that is wider than both, as they are compared; see `Target.compared`.
+        of_law, of_learnt : ndarray, shape (point,)
+            Weights in averages over q and over q′, each up to a factor.
+
+        Returns
+        -------
+        Correction
+            From q to q′.
+        """
+        old, new = of_law / of_law.sum(), of_learnt / of_learnt.sum()
+        middle = old @ theta
+        sd = np.sqrt(old @ (theta - middle) ** 2)
+        standard = (theta - middle) / np.where(sd > 0.0, sd, 1.0)
+        mean = new @ standard
+        # Of the difference of two self-normalised estimates from the same points, in units of a third, the standard deviation.
+        scale = 0.5 * mean * (standard**2 - 1.0)
+        contributions = new[:, None] * (standard - mean) - old[:, None] * (standard + scale)
+        return cls(
+            0.5 * float(np.abs(new - old).sum()),
+            np.asarray(mean),
+            np.sqrt(np.sum(contributions**2, axis=0)),
+            np.sqrt(new @ (standard - mean) ** 2),
+            _correlations(standard, new) - _correlations(standard, old),
+        )
+
+    def beyond(self, limits: Limits) -> bool:
+        """Whether q is so far off that it will not be certified, however well q′ is known.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of means, standard deviations and correlations.
+
+        Returns
+        -------
+        bool
+            True if one of them is exceeded.
+        """
+        return bool(
+            np.abs(self.mean).max() > limits.mean
+            or np.abs(self.sd - 1.0).max() > limits.sd
+            or np.abs(self.correlation).max() > limits.correlation
+        )
+
+    def said_of(self, place: int, name: str) -> str:
+        """Say how far a mean is off.
+
+        Parameters
+        ----------
+        place : int
+            Of the parameter.
+        name : str
+            Its name.
+
+        Returns
+        -------
+        str
+            Without a full stop.
+        """
+        return (
+            f"the mean of {name} lies {self.mean[place]:+.2f} ± {self.mean_error[place]:.2f} standard deviations away"
+        )
+
+    def mean_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the means of q may be from the true ones.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter,)
+            The same of q′, in its own standard deviations.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            In standard deviations of q.
+        """
+        return np.asarray(np.abs(self.mean) + ERRORS * self.mean_error + bound * self.sd)
+
+    def sd_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the true standard deviations may be from those of q, as a share of these.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter,)
+            The same of q′.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            The product of both ratios is that far from one.
+        """
+        return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
+
+    def correlation_bound(self, bound: np.ndarray) -> np.ndarray:
+        """How far the true correlations may be from those of q.
+
+        Parameters
+        ----------
+        bound : ndarray, shape (parameter, parameter)
+            The same of q′.
+
+        Returns
+        -------
+        ndarray, shape (parameter, parameter)
+            The sum of both distances.
+        """
+        return np.asarray(np.abs(self.correlation) + bound)
+
+
+def _correlations(theta: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Of weighted points; those of a parameter without spread are 0."""
+    away = theta - weights @ theta
+    covariance = (weights[:, None] * away).T @ away
+    sd = np.sqrt(np.diag(covariance))
+    scale = np.where(sd > 0.0, sd, 1.0)
+    return np.asarray(covariance / np.outer(scale, scale))

@@ -1,0 +1,32 @@
+"""How far one density is from another, by draws of one of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.certification.correction import Correction
+from structid.certification.fresh_draws import Beside
+
+FOLDS = 10
+"""Groups of draws that are left out together."""
+
+
+def density_difference(gap: np.ndarray, draws: np.ndarray) -> tuple[float, Beside]:
+    """Compare a density p with q, by draws of q.
+
+    Parameters
+    ----------
+    gap : ndarray, shape (draw,)
+        log p/q at the draws, both up to a constant.
+    draws : ndarray, shape (draw, parameter)
+        As they are compared; see `Target.compared`.
+
+    Returns
+    -------
+    tuple of float and Beside
+        log ∫p/∫q, and how far p is from q.
+    """
+    scale = float(np.log(np.mean(np.exp(gap - gap.max()))) + gap.max())
+    weights = np.exp(gap - scale)
+    moved = Correction.between(draws, np.ones(len(draws)), weights)
+    return scale, Beside(float(np.std(weights)), np.abs(moved.mean), np.abs(moved.sd - 1.0))

@@ -1,0 +1,1 @@
+"""External draws: the certificate of a posterior that another program drew."""

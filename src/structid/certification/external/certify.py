@@ -1,0 +1,225 @@
+"""Anybody's posterior against the user's own model: draws that another program made, judged by a few true runs."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.certification.certificate import FEWEST_DRAWS, Certificate, judged
+from structid.certification.external.drawn_density import Chosen, DrawnLaw
+from structid.certification.external.draws_with_density import DensityOfDraws
+from structid.certification.external.draws_without_density import FittedToDraws, ValuesAtDraws
+from structid.certification.external.external_draws import Draws, density_with, draws_of
+from structid.certification.external.hidden_modes import searched
+from structid.certification.external.learnt_density import LearntLaw
+from structid.certification.external.truncated_support import with_what_is_excluded
+from structid.certification.fresh_draws import FreshDraws, StoredRuns
+from structid.certification.known_points import Points, joined
+from structid.certification.limits import Limits
+from structid.certification.model_runs import NOISE, Tell
+from structid.certification.monte_carlo_error import MonteCarloError
+from structid.certification.true_posterior import Truth
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments, real_array
+from structid.inference.target import Target
+
+Density = Callable[[np.ndarray], np.ndarray] | np.ndarray
+"""Log density of the draws' law, up to a constant: a function of points (point, parameter) in SI, or its values at the draws."""
+
+SEARCH_SHARE = 6
+"""One further run for so many at draws goes where a mode could be that they have missed."""
+AT_ONCE = 10
+"""Runs of a round that teaches."""
+
+
+@check_arguments
+def certify(
+    posterior: Target,
+    draws: Draws,
+    log_density: Density | None = None,
+    *,
+    true_runs: int | None = None,
+    searches: int | None = None,
+    teaching: int | None = None,
+    known: tuple[np.ndarray, np.ndarray] | None = None,
+    limits: Limits | None = None,
+    look: int = 1,
+    seed: int = 0,
+    store: str | os.PathLike[str] | None = None,
+    executor: Any = None,
+    progress: Tell | None = None,
+) -> Certificate:
+    """Certify a posterior that another program drew: by true runs at a few of its draws.
+
+    The draws are said to come from a density q. The true posterior π is evaluated at some of them and, where q is a function, at
+    draws of a wider law. The variation χ of π/q bounds how far every mean, standard deviation and probability may be off; see
+    `Certificate`. Where q is a function, it is explored a second time, to see whether the draws are its own. Averages over the
+    draws have a Monte Carlo error besides, by their number and their autocorrelation: it is in the statement, and draws that are
+    too few for the limits are refused.
+
+    Parameters
+    ----------
+    posterior : Posterior or LogDensity
+        π, on the user's own model.
+    draws : array, mapping, ArviZ object, path, or SamplingResult
+        Draws (draw, parameter) or (chain, draw, parameter) in SI of all parameters of the posterior, those of the errors
+        included; columns by name; an InferenceData, DataTree or Dataset; a netCDF or CSV file; or a result of `sample`.
+    log_density : callable or ndarray, optional
+        log q up to a constant, with respect to the parameters in SI: a function ``(point, parameter) -> (point,)``, or the values
+        at the draws, shaped as these without the last axis. If it is left out, that of a `SamplingResult` is taken, or the variable
+        ``log_density`` of the group ``sample_stats`` of a netCDF file. For other draws a density is fitted, and it is what is
+        certified.
+    true_runs : int, optional
+        True runs at draws, and one more to run a point twice: 30 when left out, and 60 for a fitted density, which is worst in
+        the tails.
+    searches : int, optional
+        Further true runs at most, in rounds of three, where a mode could be that the draws have missed: a sixth of `true_runs` when
+        left out; twice as many where one of them has come near to something. They need a posterior that knows its prior.
+    teaching : int, optional
+        Further true runs at most, in rounds of ten, if the draws do not decide: where they teach most of the draws' law. Half of
+        `true_runs` when left out.
+    known : tuple of ndarray, optional
+        Points (point, parameter) in SI where log π (point,) is known already, as the posterior gives it: the model is run once at
+        the best of them to see that. None of them may exceed the draws. They tell where a mode could be, and where the draws' law
+        is wrong.
+    limits : Limits, optional
+        What must be met.
+    look : int
+        1 for the first certificate of these draws, 2 for a repetition after a refusal, and so on: the confidence is divided. The
+        draws alone, and what the runs have taught after every round of teaching, are a look each.
+    seed : int
+        Chooses the draws.
+    store : path-like, optional
+        A folder for the true runs; a killed certificate goes on from there.
+    executor : optional
+        Where an external model's runs are done; see `Campaign.run`.
+    progress : callable, optional
+        Called with what is being done, how much of it is done, and the total.
+
+    Returns
+    -------
+    Certificate
+        The verdict and its figures.
+
+    Raises
+    ------
+    InputError
+        If these are draws of other parameters, too few, outside the support of the priors, or not of this density, or if the model
+        has another log density at a known point.
+    """
+    if true_runs is not None and true_runs < FEWEST_DRAWS:
+        raise InputError("certify(true_runs)", f"{true_runs}", f"{FEWEST_DRAWS} or more, best 30 or more")
+    for word, count in (("searches", searches), ("teaching", teaching)):
+        if count is not None and count < 0:
+            raise InputError(f"certify({word})", f"{count}", "0 or more")
+    limits = Limits() if limits is None else limits
+    taken = draws_of(draws, posterior.names, posterior.units)
+    log_density = density_with(draws) if log_density is None else log_density
+    rng = stream(seed, Purpose.CERTIFIED_DRAWS)
+    law = _law(posterior, taken, log_density, rng)
+    known = _known(known, posterior.dimension)
+    by_chance = MonteCarloError.of(posterior.compared(law.in_order(law.flat)), limits.confidence)
+    doubts = (*law.doubts(known[0], seed), *by_chance.too_large(limits, posterior.compared_names))
+    chosen = law.chosen(law.enough if true_runs is None else true_runs, rng)
+    truth = Truth(posterior, None if store is None else Path(store), executor, progress)
+    _compare_known(known, truth)
+    log_true = truth.at(chosen.theta)
+    noise = truth.twice()
+    before = truth.count
+    inside = np.isfinite(chosen.log_drawn)
+    judges = chosen.inside
+    fresh = FreshDraws(
+        judges.theta, posterior.compared(judges.theta), log_true[inside], judges.log_drawn, judges.shares,
+        posterior.compared(law.population), law.highest, truth.impossible[-len(chosen.theta) :][inside],
+    )  # fmt: skip
+    others = known
+    if posterior.knows_prior and np.isfinite(log_true).any():
+        count = len(chosen.theta) // SEARCH_SHARE if searches is None else searches
+        at_draws = fresh.theta, fresh.log_true
+        others = joined(known, searched(law, at_draws, known, fresh.middle, count, truth.at, limits, rng))
+    # Where q has no density at all, a run is no draw of it; it may show that something is there.
+    fresh, why = with_what_is_excluded(law, fresh, joined((chosen.theta, log_true), others), truth.at, limits)
+    searching = truth.count - before
+    more = len(chosen.theta) // 2 if teaching is None else teaching
+    far = law.far_from_prior(stream(seed, Purpose.PRIOR_BESIDE_DRAWS))
+    found = _judged(law, judges, fresh, others, truth, more, look, limits, doubts, (*far, *noise, *why), rng)
+    return replace(found, subject=law.subject, searched=searching, monte_carlo=by_chance)
+
+
+def _judged(
+    law: DrawnLaw, judges: Chosen, fresh: FreshDraws, others: Points, truth: Truth, teaching: int, look: int,
+    limits: Limits, doubts: tuple[str, ...], against: tuple[str, ...], rng: np.random.Generator,
+) -> Certificate:  # fmt: skip
+    """By the weights of the draws; if these do not decide, by what the runs have taught; and after further ones that teach more."""
+    names, before = law.posterior.compared_names, truth.count
+    near = _within_reach(law, fresh, others, limits)
+    found = judged(fresh, near, names, before, 2 * look - 1, limits, doubts, against)
+    if found.certified or doubts or against or not np.isfinite(fresh.log_true).all():
+        return found
+    # With α/2^(2k−1) for the draws alone, the others share α/2^2k: all looks together, of all k, are wrong in α at most.
+    looks = itertools.count(2 * look + 1)
+    for count in (*(min(AT_ONCE, teaching - done) for done in range(0, teaching, AT_ONCE)), 0):
+        learnt = LearntLaw(law, judges, fresh, others, rng)
+        near, correction = learnt.stored(limits), learnt.correction
+        again = judged(learnt.judging(), near, names, before, next(looks), limits, (), learnt.doubts, correction)
+        if again.certified or again.mean_bound.max() < found.mean_bound.max():
+            found = again
+        if again.certified or count == 0 or correction.beyond(limits):
+            break
+        theta = learnt.worth_teaching(count)
+        others = joined(others, (theta, truth.at(theta)))
+    return replace(found, true_runs=truth.count, taught=truth.count - before)
+
+
+def _known(known: Points | None, dimension: int) -> Points:
+    """Runs that somebody has made, checked."""
+    if known is None:
+        return np.empty((0, dimension)), np.empty(0)
+    theta, log_true = (real_array("certify(known)", part) for part in known)
+    if theta.ndim != 2 or theta.shape[1] != dimension or log_true.shape != (len(theta),):
+        raise InputError(
+            "certify(known)",
+            f"points of shape {theta.shape} with log densities of shape {log_true.shape}",
+            f"(point, {dimension}) in SI and (point,), the log densities as the posterior gives them",
+        )
+    ran = np.isfinite(theta).all(axis=1) & ~np.isnan(log_true)
+    return theta[ran], log_true[ran]
+
+
+def _compare_known(known: Points, truth: Truth) -> None:
+    """Run the model at the best known point: log densities without a constant would teach nonsense."""
+    theta, log_true = known
+    if not np.isfinite(log_true).any():
+        return
+    best = int(np.argmax(log_true))
+    found = float(truth.at(theta[best : best + 1])[0])
+    if not abs(found - log_true[best]) <= NOISE:
+        raise InputError(
+            "certify(known)",
+            f"a log density of {log_true[best]:.6g} at the best of {len(theta)} points, where the posterior has {found:.6g}",
+            "log π as `posterior.log_density` gives it",
+            "A log-likelihood lacks the prior, other programs leave constants out, and a model with noise never answers the same.",
+        )
+
+
+def _within_reach(law: DrawnLaw, fresh: FreshDraws, others: Points, limits: Limits) -> StoredRuns:
+    """Runs near the best, where q is not zero: see `with_what_is_excluded`. Further away it may be as wrong as it likes."""
+    log_true = np.concatenate([fresh.log_true, others[1]])
+    log_drawn = np.concatenate([fresh.log_drawn, law.log_density(others[0]) if len(others[0]) else others[1]])
+    near = np.isfinite(log_true) & np.isfinite(log_drawn) & (log_true >= log_true.max() - limits.reach)
+    return StoredRuns(log_true[near], log_drawn[near])
+
+
+def _law(posterior: Target, draws: np.ndarray, log_density: Density | None, rng: np.random.Generator) -> DrawnLaw:
+    if log_density is None:
+        return FittedToDraws(posterior, draws, rng)
+    if callable(log_density):
+        return DensityOfDraws(posterior, draws, log_density, rng)
+    return ValuesAtDraws(posterior, draws, log_density, rng)

@@ -1,0 +1,334 @@
+"""The law that draws of another program are said to come from, and what every such law can do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from structid.certification.external.fitted_density import FittedDensity
+from structid.core.errors import InputError
+from structid.inference.convergence import walkers_in_turn
+from structid.inference.target import Target
+
+PARTS = 4
+"""Into which a single chain is cut, to see how its averages vary."""
+MANY = 4000
+"""Draws that stand for a law at most."""
+COVERED = 0.99
+"""Share of a law in the ball where its draws are said to come."""
+FAR_FROM_PRIOR = 8.0
+"""Standard deviations of the prior, without bounds, from its median beyond which draws are probably in another unit."""
+OTHER_SPREAD = 0.7
+"""Spread of the given log density about that fitted to the draws, over that of the latter, from which on it is not theirs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """Points for true runs.
+
+    Parameters
+    ----------
+    theta : ndarray, shape (point, parameter)
+        In SI.
+    log_drawn : ndarray, shape (point,)
+        Log density of q there; −inf outside its support, where the model may find that there is something.
+    log_wide : ndarray, shape (point,)
+        Log density of the wider law there, on the scale of q; −inf if there is none.
+    log_mixture : ndarray, shape (point,)
+        Likewise, of the mixture g that the points come from.
+    """
+
+    theta: np.ndarray
+    log_drawn: np.ndarray
+    log_wide: np.ndarray
+    log_mixture: np.ndarray
+
+    @property
+    def shares(self) -> np.ndarray:
+        """q/g, what each counts in an average over q."""
+        return np.asarray(np.exp(self.log_drawn - self.log_mixture))
+
+    @property
+    def inside(self) -> Chosen:
+        """Those in q's support."""
+        return self[np.isfinite(self.log_drawn)]
+
+    def __getitem__(self, rows: np.ndarray) -> Chosen:
+        return Chosen(self.theta[rows], self.log_drawn[rows], self.log_wide[rows], self.log_mixture[rows])
+
+
+class DrawnLaw(ABC):
+    """q, the law that draws are said to come from.
+
+    Parameters
+    ----------
+    posterior : Target
+        The true posterior, in whose coordinates q is looked at.
+    draws : ndarray, shape (chain, draw, parameter)
+        In SI.
+
+    Raises
+    ------
+    InputError
+        If draws lie outside the support of the priors.
+    """
+
+    subject = ""
+    """What is certified, where it is not the draws."""
+    at_draws: np.ndarray
+    """Log density of q at draws of it, shape (draw,)."""
+    fitted: FittedDensity
+    """What was fitted to the draws, in unconstrained coordinates."""
+    width = 1.0
+    """Times as wide as the draws is the law that such points come from."""
+    enough = 30
+    """True runs that mostly decide."""
+
+    def __init__(self, posterior: Target, draws: np.ndarray) -> None:
+        self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws
+        self.flat = draws.reshape(-1, posterior.dimension)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self.phi = self.bijection.inverse(self.flat)
+        outside = ~np.isfinite(self.phi)
+        if outside.any():
+            names = ", ".join(n for n, out in zip(posterior.names, outside.any(axis=0), strict=True) if out)
+            raise InputError(
+                "certify(draws)",
+                f"{int(outside.any(axis=1).sum())} of {len(self.flat)} draws outside the support of the priors, in {names}",
+                "draws in SI inside it",
+                "Are they in SI? structid reckons in N, m, kg, s.",
+            )
+
+    @property
+    def population(self) -> np.ndarray:
+        """Many draws of q, (draw, parameter), in SI."""
+        return self.flat[:: max(1, len(self.flat) // MANY)]
+
+    @property
+    def highest(self) -> float:
+        """Largest log density of q at a draw."""
+        return float(self.at_draws.max())
+
+    def distinct(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Choose some draws by chance, none twice.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray of int, shape (count,)
+            Rows of all draws.
+        """
+        return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
+
+    def in_order(self, flat: np.ndarray) -> np.ndarray:
+        """Put what is known of every draw in the order in which they were drawn.
+
+        Parameters
+        ----------
+        flat : ndarray, shape (chain · draw, parameter)
+            Of all draws.
+
+        Returns
+        -------
+        ndarray, shape (chain, draw, parameter)
+            Of chains; a single one is cut into parts, and one of walkers that take turns into these.
+        """
+        if self._walkers > 1:
+            length = len(flat) // self._walkers
+            return flat[: self._walkers * length].reshape(length, self._walkers, -1).swapaxes(0, 1)
+        chains = len(self.draws) if len(self.draws) > 1 else PARTS
+        length = len(flat) // chains
+        return flat[: chains * length].reshape(chains, length, -1)
+
+    @cached_property
+    def _walkers(self) -> int:
+        """Of an ensemble whose draws were given step by step as one chain; 1 otherwise."""
+        return walkers_in_turn(self.draws[0]) if len(self.draws) == 1 else 1
+
+    def far_from_prior(self, rng: np.random.Generator) -> tuple[str, ...]:
+        """Say that draws are where the prior is next to zero, as those in another unit are.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Draws from the prior.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for the parameter that is furthest away, if it is too far; empty also where no prior is known.
+        """
+        if not self.posterior.knows_prior:
+            return ()
+        prior = self.posterior.initial(MANY, rng)
+        middle, sd = np.median(prior, axis=0), prior.std(axis=0)
+        distance = np.abs(np.median(self.phi, axis=0) - middle) / sd
+        # Errors may be a thousandth of what their law's prior allows: that is a good fit, and no unit.
+        worst = max(self.posterior.own, key=lambda place: float(distance[place]))
+        if distance[worst] <= FAR_FROM_PRIOR:
+            return ()
+        ours, expected = float(np.median(self.flat[:, worst])), float(self.bijection(middle[None])[0][0, worst])
+        return (
+            f"the draws of {self.posterior.names[worst]} lie {distance[worst]:.0f} standard deviations of the prior away from its "
+            f"median, at {ours:.3g} where that is {expected:.3g}: are they in SI (N, m, kg, s)",
+        )
+
+    @abstractmethod
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density of q.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            With respect to the parameters, up to a constant.
+        """
+
+    @abstractmethod
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Choose points for true runs.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            With what is known of q there.
+        """
+
+    @abstractmethod
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Choose points at which other laws are compared with q, without a run of the model.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            From much further around than points for true runs, also beyond q's support.
+        """
+
+    def covers(self, theta: np.ndarray) -> np.ndarray:
+        """Say where points for true runs come.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (point,)
+            In the ball of the normal coordinates that holds nearly all of them.
+        """
+        z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
+        return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Say what speaks against q before the model is run.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Further points in SI, to search for modes from.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        tuple of str
+            A sentence for each doubt.
+        """
+        return ()
+
+
+def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator) -> FittedDensity:
+    """Refuse a log density that does not rise and fall with the density of the draws.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        With the draws.
+    at_draws : ndarray, shape (draw,)
+        The given log density there.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    FittedDensity
+        What was fitted to the draws, in unconstrained coordinates.
+
+    Raises
+    ------
+    InputError
+        If the given log density is not finite at a draw, or varies about the fitted one nearly as much as that varies itself.
+    """
+    if not np.isfinite(at_draws).all():
+        raise InputError(
+            "certify(log_density)",
+            f"a log density that is not finite at {int((~np.isfinite(at_draws)).sum())} of {len(at_draws)} draws",
+            "a finite one at every draw: no law has draws where its density is zero",
+        )
+    fitted = FittedDensity.of(law.phi, rng)
+    own = of_fitted(fitted, law, law.flat)
+    gap, spread = np.diff(np.quantile(at_draws - own, (0.16, 0.84)))[0], np.diff(np.quantile(own, (0.16, 0.84)))[0]
+    if not gap <= OTHER_SPREAD * spread:
+        raise InputError(
+            "certify(log_density)",
+            f"a log density that is not that of the draws: over them it varies by {0.5 * gap:.3g} nats about a density that was "
+            f"fitted to them, which itself varies by {0.5 * spread:.3g} nats",
+            "log q of the parameters in SI, of the law that the draws come from, up to a constant",
+            "A log-likelihood, or a density with respect to other coordinates, is none; and of a chain of a few autocorrelation "
+            "times the draws do not stand for any density. If you do not know it, leave it out.",
+        )
+    return fitted
+
+
+def of_fitted(fitted: FittedDensity, law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
+    """Log density of a fitted law with respect to the parameters.
+
+    Parameters
+    ----------
+    fitted : FittedDensity
+        In unconstrained coordinates.
+    law : DrawnLaw
+        Whose coordinates these are.
+    theta : ndarray, shape (point, parameter)
+        In SI.
+
+    Returns
+    -------
+    ndarray, shape (point,)
+        −inf outside the support.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        phi = law.bijection.inverse(theta)
+    inside = np.isfinite(phi).all(axis=1)
+    density = np.full(len(theta), -np.inf)
+    density[inside] = fitted.log_density(phi[inside]) - law.bijection(phi[inside])[1]
+    return density

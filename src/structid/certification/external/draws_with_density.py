@@ -1,0 +1,238 @@
+"""Draws of another program whose density is a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from structid.certification.external.drawn_density import MANY, Chosen, DrawnLaw, refuse_another
+from structid.core.errors import InputError
+from structid.core.validation import real_array
+from structid.inference.diagnostics.second_sampler import represented
+from structid.inference.sampling.smc.bridge_sampling import bennett_ratio
+from structid.inference.target import Target
+
+WIDE_SHARE = 1.0 / 3.0
+"""Share of the true runs at draws of a wider law: where an approximation is too narrow, its own draws rarely come."""
+WIDENED = 1.4
+"""Times as wide as the draws is that law, about as wide as q^½."""
+AROUND = (WIDENED, 3.0)
+"""Widths of the laws from which points without a run of the model come."""
+SEARCHED = 20_000
+"""Draws of the fitted density among which points beyond the support of q are looked for: q may have been cut off."""
+DEEPEST = 100.0
+"""Nats below its highest density from where on q counts as zero."""
+
+
+class DensityOfDraws(DrawnLaw):
+    """q is a function, and these are said to be its draws.
+
+    Parameters
+    ----------
+    posterior, draws
+        As in `DrawnLaw`.
+    function : callable
+        Log density of points (point, parameter) in SI, up to a constant.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+
+    width = WIDENED
+
+    def __init__(
+        self,
+        posterior: Target,
+        draws: np.ndarray,
+        function: Callable[[np.ndarray], np.ndarray],
+        rng: np.random.Generator,
+    ) -> None:
+        super().__init__(posterior, draws)
+        self.function = function
+        self.at_draws = self.log_density(self.flat)
+        self.fitted = refuse_another(self, self.at_draws, rng)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density; see `DrawnLaw.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            What the function says.
+
+        Raises
+        ------
+        InputError
+            If the function gives something else than a number for each point.
+        """
+        values = real_array("certify(log_density)", self.function(theta), "log densities")
+        values = values[:, 0] if values.shape == (len(theta), 1) else values
+        if values.shape != (len(theta),):
+            raise InputError(
+                "certify(log_density)",
+                f"a function that gives an array of shape {values.shape} for points of shape {theta.shape}",
+                f"({len(theta)},): a log density for each point",
+            )
+        return np.where(np.isnan(values), -np.inf, values)
+
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Two thirds of them draws, the others of a wider law; see `DrawnLaw.chosen`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture g of both laws, each of which counts q/g.
+        """
+        wide_count = round(WIDE_SHARE * count)
+        rows = self.distinct(count - wide_count, rng)
+        return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
+
+    def beside_wider_ones(
+        self, plain: np.ndarray, wide_count: int, many: np.ndarray, rng: np.random.Generator
+    ) -> Chosen:
+        """Put draws of a wider law beside draws of q, and points beyond q's support.
+
+        Parameters
+        ----------
+        plain : ndarray, shape (draw, parameter)
+            Draws of q, in unconstrained coordinates.
+        wide_count : int
+            How many others, up to a half of them beyond q's support.
+        many : ndarray, shape (draw, parameter)
+            Draws of q, likewise, by which q is compared with the wider law.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture g of both laws, each of which counts q/g, and last the points beyond.
+        """
+        beyond = self._beyond(wide_count // 2, rng)
+        wide_count -= len(beyond)
+        wide = self.fitted.draw(MANY, rng, WIDENED)
+        inside = np.isfinite(
+            self._in_coordinates(wide)
+        )  # of the wider law that part is taken which lies in q's support
+        log_integral = self._log_integral(many, wide) - np.log(inside.mean())
+        phi = np.concatenate([plain, wide[inside][:wide_count], beyond])
+        return self._of_mixture(phi, [len(plain), wide_count], [WIDENED], log_integral)
+
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Draws, and as many of laws that are wider and much wider; see `DrawnLaw.around`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Draws of the mixture of all of them.
+        """
+        each = count // (1 + len(AROUND))
+        plain = self._many[rng.permutation(len(self._many))[:each]]
+        others = [self.fitted.draw(each, rng, width) for width in AROUND]
+        log_integral = self._log_integral(self._many, others[0])
+        return self._of_mixture(
+            np.concatenate([plain, *others]), [len(plain), *map(len, others)], list(AROUND), log_integral
+        )
+
+    @property
+    def _many(self) -> np.ndarray:
+        """Draws of q, in unconstrained coordinates."""
+        return self.phi
+
+    def _log_integral(self, many: np.ndarray, wide: np.ndarray) -> float:
+        """Log ∫q, by draws of q and of the wider law, whose density is normalised."""
+        own = self._in_coordinates(wide)
+        inside = np.isfinite(own)
+        some = many[:: max(1, len(many) // MANY)]
+        forward = own[inside] - self.fitted.log_density(wide[inside], WIDENED)
+        backward = self._in_coordinates(some) - self.fitted.log_density(some, WIDENED)
+        ratio, _ = bennett_ratio(forward, backward)  # log ∫q/∫t, t within q's support
+        return float(ratio + np.log(inside.mean()))
+
+    def _of_mixture(self, phi: np.ndarray, counts: list[int], widths: list[float], log_integral: float) -> Chosen:
+        """Points of a mixture of so many draws of q and of laws of other widths, with all log densities on the scale of q."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            phi = phi[np.isfinite(self.bijection.inverse(self.bijection(phi)[0])).all(axis=1)]  # so far away is a bound
+        theta, jacobian = self.bijection(phi)
+        own = self._in_coordinates(phi)
+        wider = [self.fitted.log_density(phi, width) + log_integral for width in widths]
+        parts = [np.log(count) + log for count, log in zip(counts, [own, *wider], strict=True) if count]
+        mixture = np.logaddexp.reduce(parts) - np.log(sum(counts))
+        return Chosen(theta, own - jacobian, wider[0] - jacobian, mixture - jacobian)
+
+    def _beyond(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draws of the density fitted to the draws that lie beyond q's support: near where it cuts through them."""
+        drawn = self.fitted.draw(SEARCHED, rng)
+        return np.asarray(drawn[~np.isfinite(self._in_coordinates(drawn))][:count])
+
+    def _in_coordinates(self, phi: np.ndarray) -> np.ndarray:
+        """Log density with respect to φ; −inf where it is next to nothing: e^800 is no number."""
+        theta, jacobian = self.bijection(phi)
+        density = self.log_density(theta)
+        return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Explore q a second time; see `DrawnLaw.doubts`.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Further points in SI, to search for modes from.
+        seed : int
+            Seed.
+
+        Returns
+        -------
+        tuple of str
+            In what the draws differ from what is found.
+        """
+        found = represented(_Explored(self), self.in_order(self.flat).transpose(1, 0, 2)[:, :, None], known, seed)
+        return tuple(f"these are not draws of the given density: {said}" for said in found.failures)
+
+
+class _Explored(Target):
+    """q as a target for a sampler, in the coordinates and with the prior of the true posterior."""
+
+    def __init__(self, law: DensityOfDraws) -> None:
+        self.law, self.names, self.bijection = law, law.posterior.names, law.bijection
+
+    @property
+    def knows_prior(self) -> bool:
+        return self.law.posterior.knows_prior
+
+    @property
+    def variances(self) -> frozenset[str]:
+        return self.law.posterior.variances
+
+    @property
+    def content_hash(self) -> str:
+        return self.law.posterior.content_hash
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        theta, jacobian = self.bijection(phi)
+        return self.law.log_density(theta) + jacobian, np.zeros(len(phi), dtype=bool)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        return self.law.log_density(theta)
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        return self.law.posterior.initial(count, rng)

@@ -1,0 +1,207 @@
+"""Draws of another program whose density is known at the draws only, or not at all."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from structid.certification.external.drawn_density import Chosen, DrawnLaw, of_fitted, refuse_another
+from structid.certification.external.draws_with_density import WIDE_SHARE, DensityOfDraws
+from structid.certification.external.fitted_density import FittedDensity
+from structid.certification.external.stein_identity import not_its_draws
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, stream
+from structid.inference.target import Target
+
+FITTED_DRAWS = 20_000
+"""Draws of a fitted density that stand for it."""
+MOMENTS = 0.1
+"""Error of a mean in standard deviations, or of a standard deviation, from which on a fitted density is not that of the draws."""
+
+
+class ValuesAtDraws(DrawnLaw):
+    """The log density of q is known at the draws only.
+
+    Parameters
+    ----------
+    posterior, draws
+        As in `DrawnLaw`.
+    values : ndarray, shape (chain, draw) or (draw,)
+        Log density at the draws, with respect to the parameters in SI.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+
+    subject = "of a density that is known at the draws alone"
+
+    def __init__(self, posterior: Target, draws: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> None:
+        super().__init__(posterior, draws)
+        flat = np.asarray(values, dtype=np.float64).ravel()
+        if flat.shape != (len(self.flat),) or not np.isfinite(flat).all():
+            raise InputError(
+                "certify(log_density)",
+                f"an array of shape {np.shape(values)} with {int((~np.isfinite(flat)).sum())} values that are not finite",
+                f"a finite log density for each of {len(self.flat)} draws, or a function",
+            )
+        self.at_draws = flat
+        self.fitted = refuse_another(self, flat, rng)
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density of what was fitted to the draws, for want of q; see `DrawnLaw.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            On the scale of the values.
+        """
+        own = of_fitted(self.fitted, self, self.flat)
+        return of_fitted(self.fitted, self, theta) + float(np.median(self.at_draws - own))
+
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Draws alone; see `DrawnLaw.chosen`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            Each counts one.
+        """
+        rows = self.distinct(count, rng)
+        return Chosen(self.flat[rows], self.at_draws[rows], np.full(len(rows), -np.inf), self.at_draws[rows])
+
+    def around(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Draws alone; see `DrawnLaw.around`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            As in `chosen`.
+        """
+        return self.chosen(count, rng)
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Not used.
+        seed : int
+            Chooses draws.
+
+        Returns
+        -------
+        tuple of str
+            A sentence where they do not.
+        """
+        return not_its_draws(self, stream(seed, Purpose.INTERPOLATED_VALUES))
+
+
+class FittedToDraws(DensityOfDraws):
+    """No density is known: q is one that is fitted to the draws.
+
+    Parameters
+    ----------
+    posterior, draws
+        As in `DrawnLaw`.
+    rng : numpy.random.Generator
+        Source of randomness.
+    """
+
+    subject = "of a density that was fitted to the draws"
+    enough = 60
+
+    def __init__(self, posterior: Target, draws: np.ndarray, rng: np.random.Generator) -> None:
+        DrawnLaw.__init__(self, posterior, draws)
+        self.fitted = FittedDensity.of(self.phi, rng)
+        self.many = self.fitted.draw(FITTED_DRAWS, rng)
+        self.at_draws = self.log_density(self.population)
+
+    @property
+    def _many(self) -> np.ndarray:
+        return self.many
+
+    @cached_property
+    def population(self) -> np.ndarray:
+        """Draws of the fitted density."""
+        return np.asarray(self.bijection(self.many)[0])
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density; see `DrawnLaw.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            Of the fitted density.
+        """
+        return of_fitted(self.fitted, self, theta)
+
+    def chosen(self, count: int, rng: np.random.Generator) -> Chosen:
+        """Two thirds of them draws of the fitted density; see `DrawnLaw.chosen`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        Chosen
+            As of a density that is a function.
+        """
+        wide_count = round(WIDE_SHARE * count)
+        return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
+
+    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+        """Compare the fitted density's moments with those of the draws; see `DrawnLaw.doubts`.
+
+        Parameters
+        ----------
+        known : ndarray, shape (point, parameter)
+            Not used.
+        seed : int
+            Not used.
+
+        Returns
+        -------
+        tuple of str
+            A sentence where they differ.
+        """
+        given, many = self.posterior.compared(self.flat), self.posterior.compared(self.population)
+        sd = given.std(axis=0)
+        means = np.abs(many.mean(axis=0) - given.mean(axis=0)) / sd
+        sds = np.abs(many.std(axis=0) / sd - 1.0)
+        worst = int(np.argmax(np.maximum(means, sds)))
+        if max(means[worst], sds[worst]) <= MOMENTS:
+            return ()
+        return (
+            "the density that was fitted to the draws does not have their moments: the mean of "
+            f"{self.posterior.compared_names[worst]} is {means[worst]:.2g} standard deviations off, its standard deviation "
+            f"{sds[worst]:.0%}; give the density itself",
+        )

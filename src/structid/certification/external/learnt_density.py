@@ -1,0 +1,191 @@
+"""What true runs teach of a law that another program drew: a law q′ between it and the true posterior.
+
+The weights π/q vary where q is wrong, whether that matters or not. A Kriging of log π, at the runs of the certificate and at
+those that somebody knows, gives a law q′ that is nearer. Its moments, less those of q, are known without a run (see
+`Correction`). The runs judge q′: each is compared with a Kriging that has not seen it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from structid.certification.correction import Correction
+from structid.certification.density_difference import FOLDS, density_difference
+from structid.certification.external.drawn_density import Chosen, DrawnLaw
+from structid.certification.external.kriged_density import (
+    CORRELATIONS,
+    KrigedDensity,
+    in_parameters,
+    normal_by,
+    standardised_by,
+)
+from structid.certification.fresh_draws import Beside, FreshDraws, StoredRuns
+from structid.certification.known_points import Points, joined
+from structid.certification.limits import Limits
+
+AROUND = 9000
+"""Points at which q and q′ are compared."""
+BEYOND = 0.01
+"""Share of q′ that may lie where no fresh draw comes."""
+COMPARED = 1000
+"""Draws of q′ at which the laws of the folds are compared with it."""
+SURE = 0.5
+"""Standard deviation of the Kriging at which it counts by e⁻¹ [nat]."""
+MOST_UNSURE = 2.0
+"""Standard deviation of the Kriging beyond which it makes no difference to where a run is made [nat]."""
+TAILS = 0.02
+"""Share of the wider law where nothing was learnt: weights of an approximation with short tails have no variation."""
+DEEPEST = 60.0
+"""Known runs further below the best than this teach nothing of where the posterior is [nat]."""
+
+
+class LearntLaw:
+    """q′, learnt from true runs.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        q.
+    judges : Chosen
+        Fresh draws, in q's support.
+    fresh : FreshDraws
+        The same, with what the model says; none has failed.
+    known : tuple of ndarray
+        Further points (point, parameter) in SI, and log π there.
+    rng : numpy.random.Generator
+        Chooses points at which q and q′ are compared.
+    """
+
+    def __init__(
+        self, law: DrawnLaw, judges: Chosen, fresh: FreshDraws, known: Points, rng: np.random.Generator
+    ) -> None:
+        self.law, self.judges, self.fresh, self.rng = law, judges, fresh, rng
+        self.theta, self.log_true = _worth_learning(law, fresh, known)
+        self.kriged = _kriged(law, self.theta, self.log_true, fresh.shares)
+        self.around = law.around(AROUND, rng)
+        self.log_learnt = self._log_density(self.kriged, self.around)
+        of_mixture = self.log_learnt - self.around.log_mixture
+        self.weights = np.exp(of_mixture - of_mixture.max())
+        self.weights /= self.weights.sum()
+        self.covered = law.covers(self.around.theta)
+
+    @property
+    def correction(self) -> Correction:
+        """From q to q′."""
+        return Correction.between(self._compared(self.around.theta), self.around.shares, self.weights)
+
+    def stored(self, limits: Limits) -> StoredRuns:
+        """Compare the runs with q′, where points for runs come, and elsewhere with q.
+
+        Parameters
+        ----------
+        limits : Limits
+            Which say what runs matter.
+
+        Returns
+        -------
+        StoredRuns
+            Each with what is predicted there without it: a run that no other one foretells may stand in a mode of its own.
+        """
+        foretold = self.log_true - self.kriged.kriging.leave_one_out_residuals[:, 0]
+        covered = self.law.covers(self.theta)
+        log_drawn = np.where(covered, foretold, self.law.log_density(self.theta) + self.fresh.middle)
+        # What is neither covered nor in q's support is judged as excluded.
+        near = (self.log_true >= self.log_true.max() - limits.reach) & np.isfinite(log_drawn)
+        return StoredRuns(self.log_true[near], log_drawn[near])
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Say that q′ lies where no fresh draw comes to judge it."""
+        beyond = float(self.weights[~self.covered].sum())
+        if beyond <= BEYOND:
+            return ()
+        return (
+            f"as the runs have taught, {beyond:.0%} of the posterior lies beyond the draws, where no run has judged it: the draws "
+            "end where the posterior is still high",
+        )
+
+    def judging(self) -> FreshDraws:
+        """Let the fresh draws judge q′.
+
+        Returns
+        -------
+        FreshDraws
+            The same draws, with log densities of laws that have not seen them, and shares of averages over q′.
+        """
+        fresh, count = self.fresh, len(self.fresh.theta)
+        rows = self.rng.choice(len(self.weights), size=len(self.law.population), p=self.weights)
+        some, compared = rows[:COMPARED], self._compared(self.around.theta)
+        log_drawn, beside = np.empty(count), list[Beside]()
+        for fold in range(FOLDS):
+            places = np.arange(fold, count, FOLDS)
+            left = self.kriged.without(len(self.kriged.phi) - count + places)  # the fresh ones come last
+            gap = self._log_density(left, self.around[some]) - self.log_learnt[some]
+            scale, apart = density_difference(gap, compared[some])
+            beside.append(apart)
+            log_drawn[places] = self._log_density(left, self.judges[places]) - scale
+        moved = self._log_density(self.kriged, self.judges) - fresh.log_drawn  # log q′/q, up to a constant
+        return replace(
+            fresh,
+            log_drawn=log_drawn,
+            shares=fresh.shares * np.exp(moved - moved.max()),
+            population=compared[rows],
+            highest=fresh.highest + fresh.middle,
+            beside=Beside.average(beside),
+        )
+
+    def worth_teaching(self, count: int) -> np.ndarray:
+        """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+
+        Returns
+        -------
+        ndarray, shape (point, parameter)
+            In SI.
+        """
+        theta, weights = self.around.theta[self.covered], self.weights[self.covered]
+        phi = self.law.bijection.inverse(theta)
+        places: list[int] = []
+        kriged = self.kriged
+        for _ in range(count if len(theta) else 0):
+            mean, deviation = kriged.at(phi)
+            # What a wrong weight adds to χ², E (w − 1)² = e^(σ²) − 1 of a log-normal w.
+            places.append(int(np.argmax(weights * np.expm1(np.minimum(deviation, MOST_UNSURE) ** 2))))
+            kriged = kriged.believing(phi[places[-1:]], mean[places[-1:]])
+        return np.asarray(theta[places])
+
+    def _compared(self, theta: np.ndarray) -> np.ndarray:
+        return self.law.posterior.compared(theta)
+
+    def _log_density(self, kriged: KrigedDensity, points: Chosen) -> np.ndarray:
+        """Log q′ with respect to θ: the Kriging where it is sure, and q with longer tails where the runs have taught nothing."""
+        phi = self.law.bijection.inverse(points.theta)
+        mean, deviation = kriged.at(phi)
+        trust = np.exp(-((deviation / SURE) ** 2))
+        untaught = np.logaddexp(points.log_drawn, np.log(TAILS) + points.log_wide) + self.fresh.middle
+        return np.asarray(untaught + trust * (mean - self.law.bijection(phi)[1] - untaught))
+
+
+def _worth_learning(law: DrawnLaw, fresh: FreshDraws, known: Points) -> Points:
+    """Known runs that say something of where the posterior is, and last the fresh ones."""
+    theta, log_true = known
+    with np.errstate(invalid="ignore", divide="ignore"):
+        inside = np.isfinite(law.bijection.inverse(theta)).all(axis=1) & np.isfinite(log_true)
+    near = inside & (log_true >= fresh.log_true.max() - DEEPEST)
+    theta, first = np.unique(theta[near], axis=0, return_index=True)
+    return joined((theta, log_true[near][first]), (fresh.theta, fresh.log_true))
+
+
+def _kriged(law: DrawnLaw, theta: np.ndarray, log_true: np.ndarray, shares: np.ndarray) -> KrigedDensity:
+    """Log π with respect to φ: in the form that errs least at the fresh runs, which come last."""
+    phi = law.bijection.inverse(theta)
+    charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
+    forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
+    counts = np.concatenate([np.zeros(len(theta) - len(shares)), shares])
+    return KrigedDensity.best(forms, phi, log_true + law.bijection(phi)[1], counts)

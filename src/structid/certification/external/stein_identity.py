@@ -1,0 +1,140 @@
+"""Whether draws are those of a density that is known at them alone: by Stein's identity.
+
+Over draws of a density q the slope of log q averages to zero, and its product with the distance from the mean to −1:
+
+    E_q[∂ log q/∂z_j] = 0,    E_q[z_j ∂ log q/∂z_j] = −1
+
+(C. Stein 1972, Proc. 6th Berkeley Symp. 2, 583–602; as a test of samples J. Gorham & L. Mackey 2015, Advances in Neural Information
+Processing Systems 28). Both are integrals by parts, and hold where q falls to zero. Where the draws end and q does not, the edge is
+missing in them. So draws that lack a part of q, or those of a chain that has not converged, are told by q at the draws
+themselves. A mode far from all of them is not seen.
+
+The slopes are those of Krigings, which interpolate log q between some hundred draws.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.certification.external.drawn_density import DrawnLaw
+from structid.certification.external.kriged_density import (
+    CORRELATIONS,
+    KrigedDensity,
+    in_parameters,
+    normal_by,
+    standardised_by,
+)
+from structid.inference.convergence import standard_error
+
+INTERPOLATED = 200
+"""Draws at most that a Kriging interpolates. There are two Krigings, of different draws, so that their error is known."""
+COMPARED = 3000
+"""Draws at most over which slopes are averaged."""
+SLOPE, SPREAD = 0.1, 0.2
+"""What the averages may be away from 0 and −1 beyond their errors. Of a normal law, a mean that is 0.1 standard deviations off, and
+a standard deviation that is 10 % off."""
+TELLING = 0.4
+"""Error of the first average beyond which not even half of a normal law is seen to be missing: it is 0.48 there."""
+ERRORS = 3.0
+"""Errors of an average that are allowed for."""
+STEP = 1e-3
+"""Of a difference quotient, in standard deviations."""
+
+
+class _Averages(NamedTuple):
+    """E[∂ log q/∂z_j] and −E[z_j ∂ log q/∂z_j] over the draws, each with its error, shape (parameter,)."""
+
+    slope: np.ndarray
+    slope_error: np.ndarray
+    spread: np.ndarray
+    spread_error: np.ndarray
+
+
+def not_its_draws(law: DrawnLaw, rng: np.random.Generator) -> tuple[str, ...]:
+    """Say by Stein's identity that draws are not those of a density.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        Its draws, in coordinates without bounds, and the log density at them.
+    rng : numpy.random.Generator
+        Chooses the draws that are interpolated.
+
+    Returns
+    -------
+    tuple of str
+        A sentence where one of both identities does not hold within the errors of Monte Carlo and of the Kriging, or where these
+        are so large that it would hold for half of a law, too.
+    """
+    found = _averages(law, rng)
+    slope = np.abs(found.slope) - found.slope_error - SLOPE
+    spread = np.abs(found.spread - 1.0) - found.spread_error - SPREAD
+    if max(slope.max(), spread.max()) <= 0.0:
+        return _untold(float(found.slope_error.max()))
+    if slope.max() >= spread.max():
+        worst = int(np.argmax(slope))
+        said = f"its slope averages to zero, here to {found.slope[worst]:+.2f}"
+    else:
+        worst = int(np.argmax(spread))
+        said = f"its slope times the distance from the mean averages to -1, here to {-found.spread[worst]:.2f}"
+    return (
+        f"these are not draws of the given density: over draws of a density {said} along {law.posterior.names[worst]}, in standard "
+        "deviations (Stein's identity). The draws lack a part of it, or their chain has not converged",
+    )
+
+
+def _untold(error: float) -> tuple[str, ...]:
+    if error <= TELLING:
+        return ()
+    return (
+        "whether these are draws of the given density cannot be told from its values at them: over them its slope averages to zero "
+        f"within {error:.2g} only, where that of half a normal law is 0.48 (Stein's identity). Give the density as a function, or "
+        "more draws",
+    )
+
+
+def _averages(law: DrawnLaw, rng: np.random.Generator) -> _Averages:
+    values = law.at_draws + law.bijection(law.phi)[1]
+    krigings, off = _interpolated(law, values, rng)
+    chains = law.in_order(law.phi)[:, :: max(1, len(law.phi) // COMPARED)]
+    root = _symmetric_root(law.phi)
+    z = (chains - law.phi.mean(axis=0)) @ np.linalg.inv(root)
+    slopes = [_slope(kriged, chains.reshape(-1, len(root)), root).reshape(z.shape) for kriged in krigings]
+    first, second = ((s.mean(axis=(0, 1)), -(z * s).mean(axis=(0, 1))) for s in slopes)
+    # An error e of the Kriging adds E[z e] and E[(z² − 1) e] for normal draws, at most its standard deviation and √2 times that.
+    by_chance = [
+        [standard_error(x[..., j].T[:, :, None]) for j in range(len(root))] for x in (slopes[0], z * slopes[0])
+    ]
+    return _Averages(
+        0.5 * (first[0] + second[0]),
+        ERRORS * np.array(by_chance[0]) + np.abs(first[0] - second[0]) + off,
+        0.5 * (first[1] + second[1]),
+        ERRORS * np.array(by_chance[1]) + np.abs(first[1] - second[1]) + np.sqrt(2.0) * off,
+    )
+
+
+def _interpolated(law: DrawnLaw, values: np.ndarray, rng: np.random.Generator) -> tuple[list[KrigedDensity], float]:
+    """Two Krigings of log q, and the root mean square of their errors at draws that they have not seen [nat]."""
+    rows = law.distinct(3 * INTERPOLATED, rng)
+    first, second, unseen = np.array_split(rows, 3)
+    charts = [in_parameters(law.bijection, law.flat), standardised_by(law.phi), normal_by(law.fitted)]
+    forms = [(chart, correlation) for chart in charts for correlation in CORRELATIONS]
+    best = KrigedDensity.best(forms, law.phi[first], values[first], np.ones(len(first)))
+    other = KrigedDensity.fitted(best.chart, best.correlation, law.phi[second], values[second], best.kriging)
+    errors = [kriged.at(law.phi[unseen])[0] - values[unseen] for kriged in (best, other)]
+    return [best, other], float(np.sqrt(np.mean(np.square(errors))))
+
+
+def _slope(kriged: KrigedDensity, phi: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """∂ log q/∂z at φ = μ + root z, (point, parameter)."""
+    steps = STEP * root.T
+    ahead, behind = (np.stack([kriged.at(phi + sign * step)[0] for step in steps], axis=1) for sign in (1.0, -1.0))
+    return np.asarray((ahead - behind) / (2.0 * STEP))
+
+
+def _symmetric_root(phi: np.ndarray) -> np.ndarray:
+    """The root of the covariance whose coordinates are nearest to the parameters' own."""
+    values, vectors = np.linalg.eigh(np.atleast_2d(np.cov(phi.T)))
+    return np.asarray((vectors * np.sqrt(values)) @ vectors.T)

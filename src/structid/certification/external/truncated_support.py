@@ -1,0 +1,92 @@
+"""Where a given density is zero: what the model says there, and whether it may be the end of what was drawn.
+
+Programs that explore by classification leave parts of the space out. Of a true run there the ratio π/q is infinite, but if π is low
+and falls towards it from the draws, little of π is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from structid.certification.external.drawn_density import DrawnLaw
+from structid.certification.fresh_draws import FreshDraws
+from structid.certification.known_points import Points
+from structid.certification.limits import Limits
+
+FOLLOWED = 10
+"""Excluded places at most from which the way to the draws is looked at."""
+ON_THE_WAY = (1.0 / 3.0, 2.0 / 3.0)
+"""Where."""
+VALLEY = 1.0
+"""Fall of log π on the way below its value at the excluded place from which on a valley lies between [nat]."""
+
+
+def with_what_is_excluded(
+    law: DrawnLaw, fresh: FreshDraws, runs: Points, run: Callable[[np.ndarray], np.ndarray], limits: Limits
+) -> tuple[FreshDraws, tuple[str, ...]]:
+    """Reckon with the share of π that may lie where q is zero.
+
+    If a share δ of π is missing and the rest is right, dq/dπ = 1/(1 − δ) in the support of q, so that means are shifted by
+    √(δ/(1 − δ)) standard deviations at most. Of a normal law that is cut off h nats below its highest density, δ = P(χ²_d > 2h) is
+    missing. This holds for the mode that was drawn. A valley between it and an excluded place is a sign of another one.
+
+    Parameters
+    ----------
+    law : DrawnLaw
+        q.
+    fresh : FreshDraws
+        Draws of it.
+    runs : tuple of ndarray
+        True runs, of which some may lie where q is zero.
+    run : callable
+        From points (point, parameter) in SI to log π there.
+    limits : Limits
+        Which say what matters.
+
+    Returns
+    -------
+    tuple of FreshDraws and tuple of str
+        The draws with that share, and a sentence for what speaks against q.
+    """
+    theta, log_true = runs
+    highest = fresh.log_true.max(initial=-np.inf)
+    outside = np.isfinite(log_true) & (log_true >= max(highest, log_true.max(initial=-np.inf)) - limits.reach)
+    outside[outside] = ~np.isfinite(law.log_density(theta[outside])) if outside.any() else False
+    if not (outside.any() and np.isfinite(highest)):
+        return fresh, ()
+    depth = max(float(highest - log_true[outside].max()), 0.0)
+    missing = float(scipy.stats.chi2.sf(2.0 * depth, theta.shape[1]))
+    if missing > limits.mean**2 / (1.0 + limits.mean**2):
+        return replace(fresh, missing=missing), (
+            f"the given density ends where the posterior is still high: at a point that it excludes, the log density of the model "
+            f"is {depth:.2g} nats below the highest. Of a normal law that ends there {missing:.0%} would be missing",
+        )
+    return replace(fresh, missing=missing), _valleys(law, (theta[outside], log_true[outside]), run)
+
+
+def _valleys(law: DrawnLaw, beyond: Points, run: Callable[[np.ndarray], np.ndarray]) -> tuple[str, ...]:
+    """Look for valleys on the ways from excluded places to the draws."""
+    theta, log_true = beyond
+    if len(theta) > FOLLOWED:
+        return (f"the given density excludes {len(theta)} true runs that matter, and {FOLLOWED} at most are followed",)
+    ways = _ways(law, theta)
+    found = run(ways.reshape(-1, theta.shape[1])).reshape(ways.shape[:2])
+    divided = int((found.min(axis=0) < log_true - VALLEY).sum())
+    if not divided:
+        return ()
+    return (
+        f"a valley of the posterior divides the draws from {divided} of {len(theta)} true runs that the given density excludes: "
+        "there may be a mode which it does not have",
+    )
+
+
+def _ways(law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
+    """Points on the straight ways, in unconstrained coordinates, to the nearest draws: (place, way, parameter), in SI."""
+    phi, sd = law.bijection.inverse(theta), law.phi.std(axis=0)
+    nearest = scipy.spatial.KDTree(law.phi / sd).query(phi / sd)[1]
+    ways = np.stack([(1.0 - place) * phi + place * law.phi[nearest] for place in ON_THE_WAY])
+    return law.bijection(ways.reshape(-1, phi.shape[1]))[0].reshape(ways.shape)

@@ -1,0 +1,65 @@
+"""What a certificate must meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from structid.core.validation import check_arguments
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Limits:
+    """Limits that a certificate must meet.
+
+    Parameters
+    ----------
+    mean : float
+        How far any mean may be off, in posterior standard deviations.
+    sd : float
+        How far any standard deviation may be off, as a share of it.
+    correlation : float
+        How far any correlation of two parameters may be off: 0.2, where all are independent, changes the standard deviation of
+        the sum of two by a tenth.
+    confidence : float
+        With which all three hold, over all looks of a calibration together.
+    above : float
+        How much more density than every draw a stored true run may have [nat].
+    reach : float
+        Stored true runs whose log density is within this distance of the best one are checked [nat].
+    excess : float
+        Largest log π/q of such a run above the median over the draws [nat].
+    understated : float
+        q may understate runs further from the best by this share of their distance. If it is worse there, it could hide a mode
+        that no draw visits.
+    usable : float
+        Largest bound of χ with which re-weighted moments may be used.
+    usable_size : float
+        Smallest effective number of draws with which they may.
+    """
+
+    mean: float = 0.1
+    sd: float = 0.1
+    correlation: float = 0.2
+    confidence: float = 0.95
+    above: float = 2.0
+    reach: float = 10.0
+    excess: float = 3.0
+    understated: float = 0.5
+    usable: float = 1.0
+    usable_size: float = 50.0
+
+    def confidence_of(self, look: int) -> float:
+        """Confidence of one of several looks; whoever looks often enough sees what he wants by chance.
+
+        Parameters
+        ----------
+        look : int
+            1 for the first.
+
+        Returns
+        -------
+        float
+            1 − α/2^look, so that the α of all looks sum up to less than one minus the confidence.
+        """
+        return 1.0 - (1.0 - self.confidence) / 2.0**look

@@ -1,0 +1,256 @@
+"""Runs of the true model, at the points that a calibration asks for."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.campaign.runner import Campaign
+from structid.campaign.runs import Runs
+from structid.campaign.store import CALIBRATION_RUNS
+from structid.core.errors import CampaignStoppedError, InputError, Status
+from structid.inference.likelihood.posterior import Posterior
+from structid.probability.designs import Design
+
+Tell = Callable[[str, int, int], None]
+"""Called with what is being done, how much of it is done, and the total."""
+
+NOISE = 0.01
+"""Difference of log densities at one point from which on a model is said to give different answers [nat]."""
+
+
+class TrueRuns:
+    """Points, and the true model's responses there to every record.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On the true model.
+    points : ndarray, shape (point, parameter)
+        The first design, in SI.
+    folder : Path or None
+        Where they are kept; in memory if None.
+    executor : object
+        Where an external model's runs are done; see `Campaign.run`.
+    tell : callable or None
+        Told of progress.
+    """
+
+    def __init__(
+        self, posterior: Posterior, points: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
+    ) -> None:
+        self.model, self.space, self.observations = posterior.model, posterior.model_space, posterior.observations
+        self.records = tuple({o.record.content_hash: o.record for o in self.observations}.values())
+        self.points, self.folder, self.executor, self.tell = points, folder, executor, tell
+        self.retry = False
+        self._done: Runs | None = None
+
+    @property
+    def design(self) -> Design:
+        """Every point on every record, one after another."""
+        return Design(np.repeat(self.points, len(self.records), axis=0), self.space)
+
+    @property
+    def runs(self) -> Runs:
+        """All that were made."""
+        assert self._done is not None  # `make` comes first
+        return self._done
+
+    def make(self, points: np.ndarray | None = None) -> None:
+        """Run the model at every point where it has not been run.
+
+        Parameters
+        ----------
+        points : ndarray, shape (point, parameter), optional
+            Further points, in SI.
+        """
+        if points is not None:
+            self.points = np.concatenate([self.points, points])
+        if self.folder is not None:
+            self._done = self._campaign.run(self.executor, retry=self.retry, progress=self._told)
+            self.retry = False
+        else:
+            done = 0 if self._done is None else len(self._done)
+            campaign = Campaign(self.model, self.records, self.design[done:], None, self._assignment)
+            runs = campaign.run(self.executor, progress=self._told)
+            self._done = runs if self._done is None else self._done + runs
+
+    def refuse_another(self) -> None:
+        """See that the stored runs are those of this model and engine.
+
+        Raises
+        ------
+        StoreMismatchError
+            If they are not.
+        """
+        if self.folder is not None:
+            self._campaign.refuse_another()
+
+    def adopt(self) -> None:
+        """Take over the stored runs of another version of the model; those that failed will be repeated.
+
+        Raises
+        ------
+        StoreMismatchError
+            If they differ in something else; they are not changed.
+        """
+        self._campaign.adopt()
+        self.retry = True
+
+    @property
+    def _campaign(self) -> Campaign:
+        assert self.folder is not None
+        return Campaign(self.model, self.records, self.design, self.folder / CALIBRATION_RUNS, self._assignment)
+
+    @property
+    def _assignment(self) -> str | None:
+        return "cycle" if len(self.records) > 1 else None
+
+    def _told(self, ended: int, total: int, _failed: int) -> None:
+        if self.tell is not None:
+            self.tell("true runs", ended, total)
+
+    def refuse_hopeless(self) -> None:
+        """Stop where none of the first runs has finished: the others would fail for the same reason.
+
+        Raises
+        ------
+        CampaignStoppedError
+            If all of them failed, and not because the structure did.
+        """
+        if self.runs.done.any() or (self.runs.status == Status.STRUCTURE_FAILED).any():
+            return
+        reason, _ = self.runs.failures[0]
+        raise CampaignStoppedError(
+            f"None of the first {len(self.runs)} runs of the model has finished. Mostly: {reason.rstrip('.')}. Are the priors "
+            "in the units that you mean? Mend the model or the priors, try them by structid check, and begin anew in "
+            "another folder."
+        )
+
+    def refuse_rest(self) -> None:
+        """Refuse a model whose responses do not move: nothing can be learnt from them.
+
+        Raises
+        ------
+        InputError
+            If all responses of all finished runs are constant in time.
+        """
+        values = self.runs.values[self.runs.done]
+        if not len(values):
+            return
+        moves = np.nanmax(values, axis=1) > np.nanmin(values, axis=1)
+        if not moves.any():
+            raise InputError(
+                f"the model's {', '.join(self.model.channels)}",
+                f"a response that is constant in time, in all of {len(values)} runs",
+                "a response that moves",
+                "Does the solver see the record, and does its answer have the sampling of the record?",
+            )
+
+    def responses(self, points: slice = slice(None)) -> list[np.ndarray]:
+        """Responses at some points to each observation's record.
+
+        Parameters
+        ----------
+        points : slice
+            Which.
+
+        Returns
+        -------
+        list of ndarray, shape (point, time, channel)
+            NaN where a run failed.
+        """
+        count = len(self.records)
+        rows = np.arange(len(self.points))[points]
+        hashes = [r.content_hash for r in self.records]
+        responses = []
+        for observation in self.observations:
+            some = self.runs[rows * count + hashes.index(observation.record.content_hash)]
+            values = some.values[:, : len(observation.record)]
+            responses.append(np.where(some.done[:, None, None], values, np.nan))
+        return responses
+
+    def once_more(self, place: int) -> list[np.ndarray]:
+        """Run the model at a known point again, to see whether it gives the same answer.
+
+        Parameters
+        ----------
+        place : int
+            Place of the point.
+
+        Returns
+        -------
+        list of ndarray, shape (1, time, channel)
+            Responses to each observation's record. They are kept apart from all others.
+        """
+        other = copy.copy(self)
+        other.points, other._done = self.points[[place]], None
+        other.folder = None if self.folder is None else self.folder / f"once_more_{place}"
+        other.make()
+        return other.responses()
+
+    def of_points(self, points: np.ndarray) -> Runs:
+        """Runs of some points, to every record.
+
+        Parameters
+        ----------
+        points : ndarray of int, shape (point,)
+            Which.
+
+        Returns
+        -------
+        Runs
+            One for each record and point.
+        """
+        count = len(self.records)
+        return self.runs[(points[:, None] * count + np.arange(count)).ravel()]
+
+    @property
+    def finished(self) -> np.ndarray:
+        """Points whose runs have finished on every record, shape (point,)."""
+        return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
+
+    def collapsed(self, points: slice) -> np.ndarray:
+        """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself.
+
+        Parameters
+        ----------
+        points : slice
+            Which.
+
+        Returns
+        -------
+        ndarray of bool, shape (point,)
+            True where it failed.
+        """
+        status = self.runs.status.reshape(len(self.points), len(self.records))[points]
+        return np.asarray((status == Status.STRUCTURE_FAILED).any(axis=1))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def noise_doubts(log_density: float, again: float) -> tuple[str, ...]:
+    """Say that a point that was run twice has two densities.
+
+    Parameters
+    ----------
+    log_density, again : float
+        By both runs.
+
+    Returns
+    -------
+    tuple of str
+        A sentence where they differ.
+    """
+    difference = abs(again - log_density)
+    if not difference > NOISE:
+        return ()
+    return (
+        f"the model is not the same function twice: where it was run again, its log density differs by {difference:.2g} nats. "
+        "There is no posterior of a model that has none; fix its random seed",
+    )

@@ -1,0 +1,143 @@
+"""How far weights move means and standard deviations, and how far the true ones may be from those that were drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy
+
+from structid.certification.fresh_draws import FreshDraws
+from structid.certification.weight_variation import WeightVariation
+
+
+def standardised(fresh: FreshDraws) -> np.ndarray:
+    """Give the draws in standard deviations of q from its mean.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws, and a population of q.
+
+    Returns
+    -------
+    ndarray, shape (draw, parameter)
+        Of no unit.
+    """
+    return _in_sds(fresh.compared, fresh.population)
+
+
+def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """E_q (w − 1) f of functions of the parameters.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        Draws with weights.
+    values : ndarray, shape (draw, function)
+        f at the draws.
+
+    Returns
+    -------
+    tuple of ndarray, shape (function,)
+        By how much the weights move the averages, and the Monte-Carlo error of that.
+    """
+    plain = fresh.shares / fresh.shares.sum()
+    moved = (fresh.weights - plain) @ values
+    # Of a self-normalised estimate.
+    contributions = (fresh.weights - plain)[:, None] * values - fresh.weights[:, None] * moved
+    return moved, np.sqrt(np.sum(contributions**2, axis=0))
+
+
+def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+    """How far each standard deviation may be off, as a share of it.
+
+    Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
+    there could be, and that by the draws themselves, E_q (w − 1) z² with its error. This error is enlarged as χ is, and all
+    parameters are bounded at once. Where a marginal has long tails, the draws say more.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+    variation : WeightVariation
+        Of their weights.
+
+    Returns
+    -------
+    ndarray, shape (parameter,)
+        1 − √(1 − bound of the relative error of the variance).
+    """
+    estimate, error = shift(fresh, standardised(fresh) ** 2 - 1.0)
+    quantile = scipy.stats.norm.isf(0.5 * (1.0 - variation.confidence) / len(estimate))
+    with np.errstate(invalid="ignore"):  # of an infinite variation
+        by_draws = np.abs(estimate) + quantile * variation.inflation * error + variation.bound**2
+    by_variation = variation.of_variance(_kurtosis(fresh.population))
+    return _of_sd(np.fmin(by_draws, by_variation))
+
+
+def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+    """How far the correlation of each two parameters may be off.
+
+    A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This is
+    χ sd_q(f) at most, for normal ones χ (1 − ρ²), and the square of χ bounds what the means take away.
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+    variation : WeightVariation
+        Of their weights.
+
+    Returns
+    -------
+    ndarray, shape (parameter, parameter)
+        Zero on the diagonal.
+    """
+    z = _in_sds(fresh.population, fresh.population)
+    rho, cubes, squares = (power.T @ other / len(z) for power, other in ((z, z), (z**3, z), (z**2, z**2)))
+    fourth = np.diag(squares)
+    # E f² = E z₁² z₂² − ρ E (z₁³ z₂ + z₁ z₂³) + ¼ ρ² E (z₁² + z₂²)², and E f = 0.
+    spread = squares - rho * (cubes + cubes.T) + 0.25 * rho**2 * (fourth[:, None] + 2.0 * squares + fourth)
+    square = variation.bound**2
+    with np.errstate(invalid="ignore"):  # of an infinite variation
+        bound = np.fmax(variation.bound * np.sqrt(np.maximum(spread, 0.0)) + square, square)
+    np.fill_diagonal(bound, 0.0)
+    return np.asarray(bound)
+
+
+def missing_bounds(fresh: FreshDraws, variation: WeightVariation) -> tuple[float, np.ndarray]:
+    """How far means and standard deviations may be off because q is zero where a share δ of π lies.
+
+    If the rest is right, dq/dπ = 1/(1 − δ) in the support of q, and zero elsewhere: χ = √(δ/(1 − δ)).
+
+    Parameters
+    ----------
+    fresh : FreshDraws
+        The draws.
+    variation : WeightVariation
+        Of their weights, which know nothing of it.
+
+    Returns
+    -------
+    tuple of float and ndarray (parameter,)
+        χ, which bounds the means, and a share of each standard deviation.
+    """
+    lost = float(np.sqrt(fresh.missing / (1.0 - fresh.missing))) if fresh.missing < 1.0 else float("inf")
+    return lost, _of_sd(replace(variation, bound=lost).of_variance(_kurtosis(fresh.population)))
+
+
+def _of_sd(of_variance: np.ndarray) -> np.ndarray:
+    """Largest relative error of a standard deviation whose variance is off by a share."""
+    return np.asarray(1.0 - np.sqrt(np.maximum(1.0 - of_variance, 0.0)))
+
+
+def _kurtosis(draws: np.ndarray) -> np.ndarray:
+    """E (x − μ)⁴ / σ⁴ of every marginal."""
+    return np.asarray(np.mean(_in_sds(draws, draws) ** 4, axis=0))
+
+
+def _in_sds(values: np.ndarray, population: np.ndarray) -> np.ndarray:
+    """Values in standard deviations of a population from its mean; where it has no spread, their distance from it."""
+    sd = population.std(axis=0)
+    return np.asarray((values - population.mean(axis=0)) / np.where(sd > 0.0, sd, 1.0))

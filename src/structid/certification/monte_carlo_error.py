@@ -1,0 +1,125 @@
+"""How far averages over draws may be from those of the law that they come from: their Monte Carlo error."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.certification.limits import Limits
+from structid.inference.convergence import standard_error
+
+
+@dataclass(frozen=True, eq=False)
+class MonteCarloError:
+    """How far moments of draws may be from those of their law, with the confidence of a certificate.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (parameter,)
+        Of every mean, in standard deviations.
+    sd : ndarray, shape (parameter,)
+        Of every standard deviation, as a share of it.
+    correlation : ndarray, shape (parameter, parameter)
+        Of every correlation.
+    size : float
+        Number of independent draws whose means would be as uncertain as the most uncertain of these.
+    confidence : float
+        With which all of them hold.
+    """
+
+    mean: np.ndarray
+    sd: np.ndarray
+    correlation: np.ndarray
+    size: float
+    confidence: float
+
+    @classmethod
+    def of(cls, draws: np.ndarray, confidence: float) -> MonteCarloError:
+        """Reckon it from the draws and the order in which they were drawn.
+
+        By the central limit theorem for chains, the mean of a function f over draws is off by its standard error times a normal
+        quantile. With z the standardised parameters, f is z_j for a mean, ½ z_j² for a standard deviation, and for a correlation
+        ρ, to first order, z_i z_j − ½ ρ (z_i² + z_j²).
+
+        Parameters
+        ----------
+        draws : ndarray, shape (chain, draw, parameter)
+            What is compared; see `Target.compared`.
+        confidence : float
+            With which all moments of one kind hold together (Bonferroni).
+
+        Returns
+        -------
+        MonteCarloError
+            The bounds.
+        """
+        dimension = draws.shape[2]
+        z = (draws - draws.mean(axis=(0, 1))) / draws.std(axis=(0, 1))
+        of_mean = np.array([_error(z[..., j]) for j in range(dimension)])
+        of_sd = np.array([_error(0.5 * z[..., j] ** 2) for j in range(dimension)])
+        of_correlation = np.zeros((dimension, dimension))
+        for i, j in zip(*np.triu_indices(dimension, 1), strict=True):
+            rho = np.mean(z[..., i] * z[..., j])
+            error = _error(z[..., i] * z[..., j] - 0.5 * rho * (z[..., i] ** 2 + z[..., j] ** 2))
+            of_correlation[i, j] = of_correlation[j, i] = error
+        one, pairs = _quantile(confidence, dimension), _quantile(confidence, max(dimension * (dimension - 1) // 2, 1))
+        return cls(one * of_mean, one * of_sd, pairs * of_correlation, float(of_mean.max() ** -2), confidence)
+
+    def of_probability(self, p: float) -> float:
+        """How far the share of the draws at which an event happens may be from its probability.
+
+        Parameters
+        ----------
+        p : float
+            The probability.
+
+        Returns
+        -------
+        float
+            A normal quantile times √(p (1 − p)/n), n the number of independent draws.
+        """
+        return _quantile(self.confidence, 1) * float(np.sqrt(p * (1.0 - p) / self.size))
+
+    def too_large(self, limits: Limits, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Say that there are too few draws, whatever law they come from.
+
+        Parameters
+        ----------
+        limits : Limits
+            Of a certificate.
+        names : tuple of str
+            What is compared.
+
+        Returns
+        -------
+        tuple of str
+            A sentence where a moment may be further from that of the law than a certificate allows; else empty.
+        """
+        of_correlation = self.correlation.max(axis=1)
+        kinds = [
+            (self.mean / limits.mean, "the mean", [f"{x:.2g} standard deviations" for x in self.mean], f"{limits.mean:g}"),
+            (self.sd / limits.sd, "the standard deviation", [f"{x:.0%}" for x in self.sd], f"{limits.sd:.0%}"),
+            (of_correlation / limits.correlation, "a correlation", [f"{x:.2g}" for x in of_correlation],
+             f"{limits.correlation:g}"),
+        ]  # fmt: skip
+        times, kind, off, allowed = max(kinds, key=lambda kind: float(kind[0].max()))
+        worst = int(np.argmax(times))
+        if times[worst] <= 1.0:
+            return ()
+        return (
+            f"there are too few draws: they count as {self.size:.0f} independent ones, so that {kind} of {names[worst]} over them "
+            f"may be {off[worst]} from that of their law (Monte Carlo error), and {allowed} is allowed; draw "
+            f"{max(times[worst] ** 2, 1.1):.2g} times as many",
+        )
+
+
+def _error(values: np.ndarray) -> float:
+    """Standard error of the mean of values (chain, draw); chains are independent."""
+    return standard_error(values.T[:, :, None])
+
+
+def _quantile(confidence: float, count: int) -> float:
+    """Normal quantile with which as many two-sided statements hold at once."""
+    return float(scipy.stats.norm.ppf(1.0 - 0.5 * (1.0 - confidence) / count))

@@ -1,0 +1,83 @@
+"""The true posterior at points that are asked for while a certificate is made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.certification.model_runs import Tell, TrueRuns, noise_doubts
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.target import Target
+
+
+class Truth:
+    """The true posterior at the points that are asked for, one set after another.
+
+    Parameters
+    ----------
+    posterior : Target
+        On the true model.
+    folder : Path or None
+        Where its runs are kept; in memory if None.
+    executor : object
+        Where an external model's runs are done; see `Campaign.run`.
+    tell : callable or None
+        Told of progress.
+    """
+
+    def __init__(self, posterior: Target, folder: Path | None, executor: Any, tell: Tell | None) -> None:
+        self.posterior, self.folder, self.executor, self.tell = posterior, folder, executor, tell
+        self.runs: TrueRuns | None = None
+        self.theta = np.empty((0, posterior.dimension))
+        self.log_density = np.empty(0)
+        self.count = 0
+
+    def at(self, theta: np.ndarray) -> np.ndarray:
+        """Run the model.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (point, parameter)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (point,)
+            Log π, −inf where a run failed.
+        """
+        found = self._run(theta)
+        found = np.where(np.isfinite(found), found, -np.inf)
+        self.theta, self.log_density = np.concatenate([self.theta, theta]), np.concatenate([self.log_density, found])
+        return found
+
+    def twice(self) -> tuple[str, ...]:
+        """Run the first point again: what has two densities there is no function.
+
+        Returns
+        -------
+        tuple of str
+            A sentence, if so.
+        """
+        return noise_doubts(float(self.log_density[0]), float(self._run(self.theta[:1])[0]))
+
+    @property
+    def impossible(self) -> np.ndarray:
+        """Points at which −inf is the model's answer, and no failed run."""
+        none = np.zeros(len(self.theta), dtype=bool)
+        return none if self.runs is None else self.runs.collapsed(slice(len(self.theta)))
+
+    def _run(self, theta: np.ndarray) -> np.ndarray:
+        self.count += len(theta)
+        if not isinstance(self.posterior, Posterior):
+            return np.asarray(self.posterior.log_density(theta))
+        points = np.asarray(self.posterior.model_parameters(theta))
+        if self.runs is None:
+            self.runs = TrueRuns(self.posterior, points, self.folder, self.executor, self.tell)
+            self.runs.make()
+            self.runs.refuse_rest()
+        else:
+            self.runs.make(points)
+        last = slice(len(self.runs) - len(points), None)
+        return np.asarray(self.posterior.given(self.runs.responses(last)).log_density(theta))

@@ -1,0 +1,133 @@
+"""How unequal importance weights are: their coefficient of variation χ, and a bound for it from few draws.
+
+With π the true posterior, q the one that was drawn from and w = π/q, scaled so that E_q w = 1, χ = sd_q(w). For every function f of
+the parameters E_π f − E_q f = E_q[(w − 1) (f − E_q f)], so that by the inequality of Cauchy and Schwarz
+
+    |E_π f − E_q f| ≤ χ sd_q(f).
+
+One number bounds the shift of every mean (f = x), of every probability (f = 1 in the event: χ √(p (1 − p))) and, by f = (x − μ)²,
+of every standard deviation. χ² is the chi-squared divergence of π from q (Liese & Vajda 2006, IEEE Trans. Inf. Theory 52(10)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.inference.convergence import weighted_size
+
+KURTOSIS = 6.0
+"""Smallest kurtosis of the weights that the bound reckons with: twice a normal law's, since errors of a surrogate are largest in
+the tails. Where the draws themselves show a larger one, that is taken."""
+
+NOISE = 0.02
+"""Standard deviation of noise that is added to the weights, in thought, and taken away again from the bound. One weight that stands
+out of others that hardly vary says little of a variance; it says more of a variance to which that of the noise was added."""
+
+LEAST_QUANTILE = 1e-12
+"""A smaller one bounds nothing: a few weights outweigh all others."""
+
+
+@dataclass(frozen=True)
+class WeightVariation:
+    """The coefficient of variation of importance weights.
+
+    Parameters
+    ----------
+    estimate : float
+        χ̂ from the draws; infinite where all weights but one vanish.
+    bound : float
+        U, which is above χ with the confidence asked for if the weights are no more heavy-tailed than they look.
+    confidence : float
+        That.
+    draws : float
+        Effective number of draws behind it.
+    inflation : float
+        How much larger than an estimate from these draws a standard deviation may be: U/χ̂, without noise.
+    """
+
+    estimate: float
+    bound: float
+    confidence: float
+    draws: float
+    inflation: float = 1.0
+
+    def of_probability(self, p: float | np.ndarray) -> float | np.ndarray:
+        """Largest error of the probability of an event.
+
+        Parameters
+        ----------
+        p : float or ndarray
+            Its probability under q.
+
+        Returns
+        -------
+        float or ndarray
+            U √(p (1 − p)).
+        """
+        return self.bound * np.sqrt(p * (1.0 - p))
+
+    def of_variance(self, kurtosis: np.ndarray) -> np.ndarray:
+        """Largest relative error of a variance.
+
+        Parameters
+        ----------
+        kurtosis : ndarray
+            κ = E (x − μ)⁴ / σ⁴ of the marginal under q.
+
+        Returns
+        -------
+        ndarray
+            U √(κ − 1) + U²: the first by f = (x − μ)², of which (κ − 1) σ⁴ is the variance, the second since the mean shifts, too.
+        """
+        return np.asarray(self.bound * np.sqrt(np.maximum(kurtosis, 1.0) - 1.0) + self.bound**2)
+
+
+def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: float) -> WeightVariation:
+    """Estimate χ from draws, and bound it.
+
+    Parameters
+    ----------
+    log_ratios : ndarray, shape (draw,)
+        log π/q at each draw, both up to a constant; −inf where π vanishes.
+    shares : ndarray, shape (draw,)
+        What each draw counts in an average over q, up to a constant: one where it was drawn from q, q/g where from g.
+    confidence : float
+        With which the bound shall hold.
+
+    Returns
+    -------
+    WeightVariation
+        With s² the variance of the weights, ν s²/χ² is nearly of a chi-squared law of ν = 2 (n − 1)/(κ − 1) degrees of freedom (n
+        effective draws, κ the kurtosis of the weights), whence U = χ̂ √(ν/χ²_ν(1 − confidence)). With noise of the variance ε² added
+        to the weights, U² + ε² bounds χ² + ε² in the same way, and κ is smaller; the smaller U of both is taken.
+    """
+    shares = shares / shares.sum()
+    count = weighted_size(shares)
+    ran = np.isfinite(log_ratios)
+    # One draw that counts for all of them says nothing of how weights vary.
+    if not ran.any() or count <= 1.0 + np.finfo(float).eps:
+        return WeightVariation(np.inf, np.inf, confidence, count)
+    weights = np.exp(log_ratios - log_ratios[ran].max())
+    weights = weights / (shares @ weights)
+    moments = [float(shares @ (weights - 1.0) ** power) for power in (2, 4)]
+    if moments[0] == 0.0:
+        return WeightVariation(0.0, 0.0, confidence, count)
+    fourth = max(KURTOSIS, moments[1] / moments[0] ** 2) * moments[0] ** 2
+    variation = float(np.sqrt(moments[0] * count / (count - 1.0)))
+    plain, aided = (_bound(moments[0], fourth, noise, count, confidence) for noise in (0.0, NOISE))
+    return WeightVariation(variation, min(plain, aided), confidence, count, plain / variation)
+
+
+def _bound(variance: float, fourth: float, noise: float, count: float, confidence: float) -> float:
+    """U, by weights to which independent normal noise was added, whose variance and fourth moment are known."""
+    spread = variance + noise**2
+    kurtosis = (fourth + 6.0 * variance * noise**2 + 3.0 * noise**4) / spread**2
+    freedom = 2.0 * (count - 1.0) / (kurtosis - 1.0)
+    quantile = float(scipy.stats.chi2.ppf(1.0 - confidence, freedom))
+    if quantile < LEAST_QUANTILE:
+        return float("inf")
+    unbiased = variance * count / (count - 1.0) + noise**2
+    return float(np.sqrt(max(unbiased * freedom / quantile - noise**2, 0.0)))

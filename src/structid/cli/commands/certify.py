@@ -1,0 +1,33 @@
+"""structid certify: whether a posterior that another program drew is that of the study's own model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.screen import NOT_CONVERGED, screen, stage
+
+
+def certify(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML): model, measurements, priors.")],
+    draws: Annotated[
+        Path, typer.Argument(help="Draws: a netCDF file of the ArviZ schema, or a CSV with heads. In SI.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the true runs, the certificate and its page.")] = Path(
+        "certificate"
+    ),
+    runs: Annotated[int | None, typer.Option(help="True runs; 30, or 60 for draws without their density.")] = None,
+    look: Annotated[int, typer.Option(help="2 for a second certificate of the same draws, and so on.")] = 1,
+    executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
+) -> None:
+    """Certify a posterior that another program drew, by a few runs of the study's own model."""
+    from structid.study.certified_draws import certify_draws
+
+    found, page = certify_draws(study, draws, out, runs, look, stage, executor)
+    screen.print()
+    screen.print(str(found), style="green" if found.certified else "bold red", markup=False, soft_wrap=True)
+    screen.print(f"\nReport: {page.resolve()}", markup=False, soft_wrap=True)
+    if not found.certified:
+        raise typer.Exit(NOT_CONVERGED)

@@ -1,0 +1,61 @@
+"""structid check: everything that is wrong with a study, and what it will cost."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from structid.cli.commands.hybrid import print_checks
+from structid.cli.screen import WRONG_INPUT, screen
+
+if TYPE_CHECKING:
+    from structid.study.building.built_study import BuiltStudy
+
+
+def check(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    plot: Annotated[
+        Path | None, typer.Option(help="A folder for figures that lay each measurement and the model on its record.")
+    ] = None,
+) -> None:
+    """Say everything that is wrong with a study and what it will cost; the model is run a few times for that."""
+    from structid.study.cost import estimate
+    from structid.study.echo import quantities_in_si
+    from structid.study.plausibility import plausibility
+    from structid.study.programmes.programme_file import is_programme
+    from structid.study.programmes.run_programme import check_programme
+    from structid.study.run import load
+    from structid.study.schema.study_file import study_content
+
+    if is_programme(study_content(study)):
+        print_checks(check_programme(study), quantities_in_si(study))
+        return
+    built = load(study)
+    _describe(built)
+    for line in quantities_in_si(study):
+        _say(line)
+    with screen.status("running the model a few times"):
+        sizes = plausibility(built, _say)
+        cost = estimate(built, _say)
+    _say(cost.conclusion)
+    if plot is not None:
+        for figure in sizes.plot(plot):
+            _say(f"drawn: {figure}")
+    if not sizes.questions:
+        screen.print(f"[bold green]{study} is in order.[/]")
+        return
+    for question in sizes.questions:
+        screen.print(f"? {question}", style="bold red", markup=False, soft_wrap=True)
+    raise typer.Exit(WRONG_INPUT)
+
+
+def _say(line: str) -> None:
+    """Print what is known, at once."""
+    screen.print(line, markup=False, soft_wrap=True)
+
+
+def _describe(built: BuiltStudy) -> None:
+    for what in (str(built.record), str(built.model), repr(built.space)):
+        _say(what)

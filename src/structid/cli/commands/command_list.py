@@ -1,0 +1,40 @@
+"""The commands in their order. A new one is a file with a function of its name, and a line here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from structid.cli.commands import (
+    certify,
+    check,
+    compare,
+    conformance,
+    demo,
+    doctor,
+    hybrid,
+    new,
+    report,
+    run,
+    runs,
+    sbc,
+    serve,
+    specimen,
+)
+
+COMMANDS: tuple[Callable[..., None], ...] = (
+    demo.demo,
+    run.run,
+    check.check,
+    report.report,
+    compare.compare,
+    sbc.sbc,
+    certify.certify,
+    runs.runs,
+    serve.serve,
+    hybrid.hybrid,
+    specimen.specimen,
+    conformance.conformance,
+    new.new,
+    doctor.doctor,
+)
+"""A function's name, signature and docstring are the command's name, options and help."""

@@ -1,0 +1,57 @@
+"""structid demo: one virtual experiment, two models of the structure, and which of them the data favour."""
+
+from __future__ import annotations
+
+from functools import partial
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from structid.cli.commands.run import worked_on_screen
+from structid.cli.screen import NOT_CONVERGED, screen, stage
+
+if TYPE_CHECKING:
+    from structid.study.run import StudyOutcome
+
+ACTS = {
+    "no_degradation": "The structure loses stiffness while it moves. It is calibrated as if it did not.",
+    "degradation": "The same measurement, and a model that degrades.",
+}
+"""The studies, and what they are about."""
+
+_PASSING = partial(stage, passing=True)
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for everything the demo makes.")] = Path("demo"),
+) -> None:
+    """Calibrate a wrong model and a right one to one virtual experiment, and compare them (about two minutes)."""
+    from structid.study.compare import compare_outcomes
+
+    outcomes = [_act(number, name, out / name) for number, name in enumerate(ACTS, start=1)]
+    screen.print("\n[bold]3[/] Which model do the data favour?")
+    comparison, page = compare_outcomes([out / name for name in ACTS], outcomes, out, _PASSING)
+    assert page is not None
+    trusted = all(outcome.trusted for outcome in outcomes)
+    screen.print(f"\n{comparison.verdict}", style="green" if trusted else "bold red", markup=False, soft_wrap=True)
+    screen.print(f"\nBegin with: {page.resolve()}", style="bold", markup=False, soft_wrap=True)
+    for outcome in outcomes:
+        screen.print(f"A report:   {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    screen.print("Your own:   structid new my_structure", markup=False)
+    if not trusted:
+        raise typer.Exit(NOT_CONVERGED)
+
+
+def _act(number: int, name: str, folder: Path) -> StudyOutcome:
+    """Run one of the studies, and say in short what it has found."""
+    from structid.report.page_summary import headline
+
+    screen.print(f"\n[bold]{number}[/] {ACTS[name]}")
+    packaged = resources.files("structid") / "study" / "templates" / "demo" / f"{name}.toml"
+    with resources.as_file(packaged) as study:
+        outcome = worked_on_screen(study, folder, resume=(folder / "identity.json").is_file(), shown=_PASSING)
+    assert outcome.material is not None
+    screen.print(f"\n{headline(outcome.material)}", markup=False, soft_wrap=True)
+    return outcome

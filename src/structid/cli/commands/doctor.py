@@ -1,0 +1,84 @@
+"""structid doctor: what this machine and this installation can do."""
+
+from __future__ import annotations
+
+import os
+import platform
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from structid.cli.screen import screen
+from structid.core.cores import available_cores, cache_folder, cores_to_use
+
+OPTIONAL = {
+    "distributed": ("dask", "runs on a Dask cluster"),
+    "umbridge": ("umbridge", "models behind a server"),
+    "openseespy": ("opensees", "OpenSees models"),
+    "uvicorn": ("live", "the live view of a hybrid test"),
+}
+"""Packages that are not required, the extra that brings each, and what it adds."""
+
+LETTERS = "αβγδζηνψλσ²³⁻ⁿ√±−"
+"""That figures and tables use."""
+
+
+def doctor() -> None:
+    """Say what runs here: versions, cores, the engine, caches, fonts, optional packages."""
+    lines = {
+        "structid": f"{version('structid')}, Python {platform.python_version()}",
+        "cores": f"{cores_to_use()} used of {available_cores()} (JAX_NUM_CPU_DEVICES sets another number)",
+        "engine": _engine(),
+        "derivatives": _jax(),
+        "caches": ", ".join(_cache(name) for name in ("lanes", "jax")),
+        "font": _font(),
+        **{package: f"{_installed(package, extra)} ({adds})" for package, (extra, adds) in OPTIONAL.items()},
+    }
+    for name, found in lines.items():
+        screen.print(f"{name:<12} {found}", markup=False, soft_wrap=True)
+
+
+def _engine() -> str:
+    from structid.engine.lanes.machine import lanes, processor, why_not
+
+    if why_not():
+        return f"JAX runs loops over time, several times slower than compiled lanes would: {why_not()}"
+    return f"compiled lanes, {lanes()} runs in a block, by LLVM for {processor()}"
+
+
+def _jax() -> str:
+    from structid.engine.device import mesh
+
+    devices = mesh().devices
+    return f"JAX {version('jax')} on {devices.size} {devices[0].device_kind} device{'s' * (devices.size > 1)}"
+
+
+def _cache(name: str) -> str:
+    folder = cache_folder(name)
+    there = next(f for f in (folder, *folder.parents) if f.exists())
+    note = (
+        ""
+        if there.is_dir() and os.access(there, os.W_OK)
+        else " cannot be written: everything is compiled anew in each process"
+    )
+    return f"{_short(folder)}{note}"
+
+
+def _short(folder: Path) -> str:
+    return str(folder).replace(str(Path.home()), "~", 1)
+
+
+def _font() -> str:
+    """The font of figures, and the letters that it lacks."""
+    from matplotlib import font_manager
+
+    path = font_manager.findfont(font_manager.FontProperties(family=["sans-serif"]))
+    known = font_manager.get_font(path).get_charmap()
+    lacking = "".join(letter for letter in LETTERS if ord(letter) not in known)
+    return Path(path).stem + (f", which lacks {lacking}" if lacking else "")
+
+
+def _installed(package: str, extra: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return f"not installed: pip install 'structid[{extra}]'"

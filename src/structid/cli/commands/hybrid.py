@@ -1,0 +1,124 @@
+"""structid hybrid: a programme of hybrid tests from its file to its report."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from structid.cli.screen import FAILED, NOT_CONVERGED, WRONG_INPUT, errors, screen, stage
+from structid.cli.specimen_secret import SecretFile, secret_of
+
+if TYPE_CHECKING:
+    from structid.hybrid.feasibility import Feasibility
+    from structid.study.programmes.run_programme import ProgrammeOutcome
+
+
+def hybrid(
+    study: Annotated[Path, typer.Argument(help="The file of the programme (TOML).")],
+    out: Annotated[Path | None, typer.Option(help="Folder for everything it makes.")] = None,
+    specimen: Annotated[
+        str,
+        typer.Option(
+            help="HOST:PORT of the specimen's server, or openfresco://HOST:PORT; the file's simulated one when left out."
+        ),
+    ] = "",
+    secret_file: SecretFile = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue with what is in that folder, if it is simulated.")
+    ] = False,
+    show: Annotated[
+        bool, typer.Option("--live", help="Serve a page on this machine that shows the tests while they run.")
+    ] = False,
+    live_port: Annotated[int, typer.Option(help="Port of that page.", min=1, max=65535)] = 8765,
+    only_check: Annotated[
+        bool, typer.Option("--check", help="Say what can work and what cannot; nothing moves.")
+    ] = False,
+) -> None:
+    """Run a programme of hybrid tests: checks, tests on one specimen, what they teach, report."""
+    from structid.study.echo import quantities_in_si
+    from structid.study.programmes.run_programme import check_programme, run_programme
+
+    secret = partial(secret_of, secret_file)
+    if only_check:
+        print_checks(check_programme(study, specimen, secret), quantities_in_si(study))
+        return
+    if out is None:
+        raise typer.BadParameter("it is missing", param_hint="--out")
+    screen.print(f"[bold]structid[/] {study.name} → {out}")
+    try:
+        with _live(out, live_port) if show else nullcontext():
+            outcome = run_programme(
+                study, out, address=specimen, secret=secret, resume=resume, stage=stage,
+                watching=lambda name, test: screen.print(
+                    f"test {name}: {test.record.name}, λ {test.time_scale:g}", markup=False
+                ),
+            )  # fmt: skip
+    except KeyboardInterrupt:
+        errors.print("\nStopped. Every finished step is on disk.", style="yellow")
+        raise typer.Exit(FAILED) from None
+    finish_programme(outcome)
+
+
+@contextmanager
+def _live(out: Path, port: int) -> Iterator[None]:
+    """Serve the live view, and say where."""
+    from structid.report.live import live
+
+    with live(out, port) as address:
+        screen.print(f"Live view: {address}")
+        yield
+
+
+def print_checks(found: dict[str, Feasibility], quantities: Sequence[str]) -> None:
+    """Say what is known of every test before anything moves; leave with an exit code where one cannot work.
+
+    Parameters
+    ----------
+    found : dict of str to Feasibility
+        By the names of the tests.
+    quantities : sequence of str
+        What the file was understood to say, a line each.
+    """
+    for line in quantities:
+        screen.print(line, markup=False, soft_wrap=True)
+    for name, feasibility in found.items():
+        screen.print(f"\n[bold]test {name}[/]")
+        screen.print(str(feasibility), markup=False, soft_wrap=True)
+    if not all(each.can_work for each in found.values()):
+        raise typer.Exit(WRONG_INPUT)
+
+
+def finish_programme(outcome: ProgrammeOutcome) -> None:
+    """Say what a programme has found. The exit code says whether it came to its end, and whether to believe what was learnt.
+
+    Parameters
+    ----------
+    outcome : ProgrammeOutcome
+        Of the programme.
+    """
+    screen.print()
+    screen.print(str(outcome.programme), markup=False, soft_wrap=True)
+    learnt, trusted = outcome.learnt, True
+    if learnt is not None:
+        verdict = learnt.result.verdict()
+        trusted = learnt.trusted
+        screen.print()
+        screen.print(str((learnt.calibration or learnt.result).summary()), markup=False, soft_wrap=True)
+        if learnt.calibration is not None:
+            said = str(learnt.calibration.certificate)
+            screen.print(said, style="green" if trusted else "bold red", markup=False, soft_wrap=True)
+        screen.print(
+            str(verdict), style="green" if trusted and not verdict.doubt else "bold red", markup=False, soft_wrap=True
+        )
+        for sentence in learnt.prediction.sentences if learnt.prediction is not None else ():
+            screen.print(sentence, markup=False, soft_wrap=True)
+    screen.print(f"\nReport: {outcome.report.resolve()}", markup=False, soft_wrap=True)
+    if not outcome.programme.finished:
+        raise typer.Exit(FAILED)
+    if not trusted:
+        raise typer.Exit(NOT_CONVERGED)

@@ -1,0 +1,27 @@
+"""structid report: the page again, from what is stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.commands.hybrid import finish_programme
+from structid.cli.screen import finish, stage
+
+
+def report(
+    folder: Annotated[Path, typer.Argument(help="A folder that structid run or structid hybrid has filled.")],
+) -> None:
+    """Write the report again from what is stored."""
+    from structid.study.folder import STUDY
+    from structid.study.programmes.programme_file import is_programme
+    from structid.study.programmes.run_programme import programme_report_again
+    from structid.study.run import report_again
+    from structid.study.schema.study_file import study_content
+
+    if (folder / STUDY).is_file() and is_programme(study_content(folder / STUDY)):
+        finish_programme(programme_report_again(folder, stage))
+    else:
+        finish(report_again(folder, stage))

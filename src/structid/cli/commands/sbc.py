@@ -1,0 +1,29 @@
+"""structid sbc: whether a study's intervals hold the truth as often as they say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.screen import NOT_CONVERGED, screen, stage
+
+
+def sbc(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    replicas: Annotated[int, typer.Option(help="Measurements to simulate and calibrate to.")] = 200,
+    out: Annotated[Path | None, typer.Option(help="Folder for the figure, and for the runs of a surrogate.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed; the study's when left out.")] = None,
+    executor: Annotated[str, typer.Option(help="Where an external solver's runs are done.")] = "serial",
+) -> None:
+    """Check a study by simulation: whether its intervals hold the truth as often as they say."""
+    from structid.study.simulated_replicas import check_by_simulation
+
+    ranks, figure = check_by_simulation(study, replicas, out, seed, stage, executor)
+    screen.print()
+    screen.print(str(ranks), style="green" if ranks.uniform else "bold red", markup=False, soft_wrap=True)
+    if figure is not None:
+        screen.print(f"\nFigure: {figure.resolve()}", markup=False, soft_wrap=True)
+    if not ranks.uniform:
+        raise typer.Exit(NOT_CONVERGED)

@@ -1,0 +1,34 @@
+"""structid serve: a study's model and posterior over UM-Bridge."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.screen import screen
+
+
+def serve(
+    study: Annotated[Path, typer.Argument(help="The study file (TOML).")],
+    port: Annotated[int, typer.Option(help="Where to listen.", min=1, max=65535)] = 4242,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; 0.0.0.0 is every network, without a password.")
+    ] = "127.0.0.1",
+) -> None:
+    """Serve a study's model, and its posterior, over UM-Bridge (HTTP)."""
+    from structid.models.external.um_bridge import check_address, is_this_machine
+    from structid.models.external.um_bridge import serve as serve_models
+    from structid.study.run import load
+    from structid.study.serve import offered
+
+    check_address(host, port)
+    models = offered(load(study))
+    if not is_this_machine(host):
+        screen.print(
+            f"Whoever reaches {host}:{port} can run the model here: there is no password. --host 127.0.0.1 is this machine alone.",
+            style="bold red",
+        )
+    screen.print(f"Serving {', '.join(m.name for m in models)} at http://{host}:{port} (Ctrl-C stops)")
+    serve_models(models, port, host)

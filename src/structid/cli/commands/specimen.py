@@ -1,0 +1,43 @@
+"""structid specimen: a simulated specimen as a process of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from structid.cli.screen import screen
+from structid.cli.specimen_secret import SecretFile, secret_of
+
+
+def specimen(
+    study: Annotated[Path, typer.Argument(help="The file of the programme (TOML), with the specimen in it.")],
+    secret_file: SecretFile = None,
+    port: Annotated[int, typer.Option(help="Where to listen; 0 takes a free one.", min=0, max=65535)] = 7700,
+    host: Annotated[str, typer.Option(help="Address to listen at; 127.0.0.1 is this machine alone.")] = "127.0.0.1",
+    hold: Annotated[
+        bool, typer.Option("--hold", help="Hold after a test, as a structure does, and do not unload for the next one.")
+    ] = False,
+) -> None:
+    """Serve the simulated specimen of a programme to hybrid tests (Ctrl-C stops)."""
+    from structid.hybrid.laboratory.server import SpecimenServer
+    from structid.study.programmes.run_programme import load_programme
+
+    served = load_programme(study).specimen()
+    server = SpecimenServer(
+        served, secret_of(secret_file), host=host, port=port, releases=not hold,
+        log=lambda said: screen.print(said, markup=False, soft_wrap=True),
+    )  # fmt: skip
+    if host not in ("127.0.0.1", "localhost", "::1"):
+        screen.print(
+            f"Whoever knows the secret can move this specimen from any machine that reaches {host}. Messages are signed, "
+            "not hidden.",
+            style="bold red", soft_wrap=True,
+        )  # fmt: skip
+    screen.print(f"Serving {served.describe().name} at {server.address} (Ctrl-C stops)", markup=False, soft_wrap=True)
+    try:
+        server.serve()
+    except KeyboardInterrupt:
+        server.stop()
+        screen.print("Stopped; the specimen holds its position.")

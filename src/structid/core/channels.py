@@ -1,0 +1,152 @@
+"""Names of response channels that everybody uses, and the units they are kept and shown in."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from structid.core.errors import InputError, check_choice
+from structid.core.units import factor_of, si_unit
+
+
+class ChannelUnit(NamedTuple):
+    """Units of a channel.
+
+    Parameters
+    ----------
+    si : str
+        What its values are in; empty for a channel whose dimension is not known.
+    display : str
+        What tables and figures show.
+    """
+
+    si: str
+    display: str
+
+
+UNKNOWN = ChannelUnit("", "")
+"""Of a channel whose name says nothing and whose model says nothing."""
+
+STANDARD_CHANNELS = {
+    "displacement": ChannelUnit("m", "mm"),
+    "velocity": ChannelUnit("m/s", "mm/s"),
+    "relative_acceleration": ChannelUnit("m/s^2", "m/s^2"),
+    "absolute_acceleration": ChannelUnit("m/s^2", "m/s^2"),
+    "restoring_force": ChannelUnit("N", "kN"),
+    "moment": ChannelUnit("N*m", "kN*m"),
+    "hysteretic_displacement": ChannelUnit("m", "mm"),
+    "hysteretic_energy": ChannelUnit("J", "J"),
+    "elastic_energy": ChannelUnit("J", "J"),
+    "absorbed_energy": ChannelUnit("J", "J"),
+    "drift": ChannelUnit("m", "mm"),
+    "base_shear": ChannelUnit("N", "kN"),
+    "largest_opening": ChannelUnit("m", "mm"),
+    "largest_slip": ChannelUnit("m", "mm"),
+    "largest_penetration": ChannelUnit("m", "mm"),
+    "support_lost": ChannelUnit("", ""),
+    "weakest_joint": ChannelUnit("", ""),
+    "kinetic_energy": ChannelUnit("J", "J"),
+    "strain_energy": ChannelUnit("J", "J"),
+    "joint_energy": ChannelUnit("J", "J"),
+    "damping_energy": ChannelUnit("J", "J"),
+    "input_energy": ChannelUnit("J", "J"),
+    "load_energy": ChannelUnit("J", "J"),
+}
+"""Units of the names that built-in models use. A model with other channels declares their units itself."""
+
+OF_A_POINT = ("ux_", "uy_")
+"""How names of displacements of a point begin: ``"ux_top_left"`` is its horizontal one."""
+
+
+def base_channel(channel: str) -> str:
+    """Strip the storey from a channel's name.
+
+    Parameters
+    ----------
+    channel : str
+        ``"displacement_2"`` or ``"displacement"``.
+
+    Returns
+    -------
+    str
+        ``"displacement"``.
+    """
+    head, _, tail = channel.rpartition("_")
+    return head if tail.isdigit() else channel
+
+
+def standard_unit(channel: str) -> ChannelUnit:
+    """Return the units that a channel's name stands for.
+
+    Parameters
+    ----------
+    channel : str
+        A channel's name, with or without a storey.
+
+    Returns
+    -------
+    ChannelUnit
+        `UNKNOWN` for a name that is not standard.
+    """
+    of_a_point = STANDARD_CHANNELS["displacement"] if channel.startswith(OF_A_POINT) else UNKNOWN
+    return STANDARD_CHANNELS.get(base_channel(channel), of_a_point)
+
+
+def declared_unit(channel: str, unit: str) -> ChannelUnit:
+    """Return the units of a channel whose display unit somebody declares.
+
+    Parameters
+    ----------
+    channel : str
+        Its name.
+    unit : str
+        What tables and figures are to show, such as ``"mm"``. A standard name keeps its own.
+
+    Returns
+    -------
+    ChannelUnit
+        With the SI unit of that dimension.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown, or of another dimension than a standard name stands for.
+    """
+    known = standard_unit(channel)
+    if known.si:
+        factor_of(unit, known.si, f"unit of the channel '{channel}'")
+        return known
+    return ChannelUnit(si_unit(unit), unit)
+
+
+def check_channels(where: str, channels: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+    """Return `channels` as a tuple if all are known and none is named twice.
+
+    Parameters
+    ----------
+    where : str
+        The argument or key, for the message.
+    channels : sequence of str
+        What came.
+    known : sequence of str
+        What the model has.
+
+    Returns
+    -------
+    tuple of str
+        The channels.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or repeated, or there is none.
+    """
+    names: tuple[Any, ...] = (channels,) if isinstance(channels, str) else tuple(channels)
+    for name in names:
+        if name not in known and f"absolute_{name}" in known:
+            cure = f"A sensor on the structure measures 'absolute_{name}'; 'relative_{name}' is that against its base."
+            raise InputError(where, f"'{name}'", ", ".join(known), cure)
+        check_choice(where, name, known)
+    if not names or len(set(names)) < len(names):
+        raise InputError(where, f"{list(names)}", f"one or more of {', '.join(known)}, each once")
+    return names

@@ -1,0 +1,345 @@
+"""An append-only journal on disk that survives a kill at any moment."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError, StoreMismatchError, undamaged
+
+_MAGIC = b"structid-journal-1\n"
+HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_FRAME = struct.Struct("<QI")  # payload length, CRC-32
+
+
+class Journal:
+    """A file of entries, each a dictionary of arrays. An entry that was written completely is never lost.
+
+    An entry is on disk (``fsync``) before `append` returns. Each entry has its length and checksum, so that a last entry
+    that a kill has left incomplete is recognised; the next entry overwrites it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; it is created with the first entry.
+    identity : mapping
+        Everything that the content depends on (hashes, seeds, settings). A file with another identity is refused.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], identity: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.identity = dict(identity)
+        if self.path.exists() and self.path.stat().st_size > 0:
+            self._end = self._check()
+        else:
+            self._end = 0  # created with the first entry, so that a campaign without a run leaves no file
+
+    def _create(self) -> None:
+        header = _MAGIC + _frame(json.dumps(self.identity, sort_keys=True).encode())
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        # Write, then rename: a journal either has a complete header or does not exist.
+        write_then_rename(self.path, header)
+        self._end = len(header)
+
+    def _check(self) -> int:
+        with self.path.open("rb") as file:
+            if file.read(len(_MAGIC)) != _MAGIC:
+                raise InputError(
+                    f"store {self.path}",
+                    "this file is not a structid journal",
+                    "a journal or no file",
+                    "Name another store; this file has not been changed.",
+                )
+            header = _read_frame(file)
+            if header is None:
+                raise InputError(
+                    f"store {self.path}",
+                    "its header is damaged",
+                    "a complete journal",
+                    "Move the file away and start again.",
+                )
+            compare_identity(self.path, json.loads(header), self.identity)
+            end = file.tell()
+            while _read_frame(file) is not None:
+                end = file.tell()
+            self._keep_what_follows(file, end)
+        return end
+
+    def _keep_what_follows(self, file: io.BufferedReader, end: int) -> None:
+        """Copy a journal that is damaged in its middle. A kill damages only the last entry; here later entries would be lost."""
+        file.seek(end)
+        head = file.read(_FRAME.size)
+        if len(head) < _FRAME.size:
+            return
+        length, _ = _FRAME.unpack(head)
+        if length == 0 or length >= self.path.stat().st_size - end - _FRAME.size:
+            return
+        copy = self.path.with_name(self.path.name + ".damaged")
+        shutil.copyfile(self.path, copy)
+        warnings.warn(
+            f"{self.path} is damaged at byte {end}; entries after that are not read. They are kept in {copy}.",
+            stacklevel=4,
+        )
+
+    @property
+    def size(self) -> int:
+        """Size on disk [byte]."""
+        return self._end
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Journal:
+        """Open a journal with any identity, to read it.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+
+        Returns
+        -------
+        Journal
+            The journal, with the identity found in the file.
+        """
+        return cls(path, _identity_of(Path(path)))
+
+    @staticmethod
+    def entries_after(path: str | os.PathLike[str], place: int) -> tuple[list[dict[str, np.ndarray]], int]:
+        """Read what has been written since, beside the process that writes.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        place : int
+            Where the last reading ended; 0 at first.
+
+        Returns
+        -------
+        tuple of list of dict and int
+            Whole entries, and where this reading ended.
+        """
+        found = []
+        with Path(path).open("rb") as file:
+            file.seek(place or len(_MAGIC))
+            if place == 0 and _read_frame(file) is None:
+                return [], 0
+            end = file.tell()
+            while (payload := _read_frame(file)) is not None:
+                with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
+                    found.append({name: entry[name] for name in entry.files})
+                end = file.tell()
+        return found, end
+
+    def remove(self) -> None:
+        """Delete the file; the next entry starts a new one."""
+        self.path.unlink(missing_ok=True)
+        self._end = 0
+
+    def append(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write one entry to disk; it is safe there when this returns.
+
+        Parameters
+        ----------
+        arrays : mapping of str to ndarray
+            The entry.
+        """
+        buffer = io.BytesIO()
+        np.savez(buffer, **{k: np.asarray(v) for k, v in arrays.items()})  # type: ignore[arg-type]
+        framed = _frame(buffer.getvalue())
+        if self._end == 0:
+            self._create()
+        with self.path.open("r+b") as file:
+            file.truncate(self._end)
+            file.seek(self._end)
+            file.write(framed)
+            file.flush()
+            os.fsync(file.fileno())
+        self._end += len(framed)
+
+    def __iter__(self) -> Iterator[dict[str, np.ndarray]]:
+        if self._end == 0:
+            return
+        with self.path.open("rb") as file:
+            file.seek(len(_MAGIC))
+            _read_frame(file)
+            while file.tell() < self._end:
+                payload = _read_frame(file)
+                if payload is None:
+                    return
+                with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
+                    yield {name: entry[name] for name in entry.files}
+
+
+def _identity_of(path: Path) -> dict[str, Any]:
+    with path.open("rb") as file:
+        header = _read_frame(file) if file.read(len(_MAGIC)) == _MAGIC else None
+    return {} if header is None else json.loads(header)
+
+
+def write_then_rename(path: Path, content: bytes) -> None:
+    """Write a file completely or not at all.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : bytes
+        Its content.
+    """
+    temporary = path.with_name(path.name + ".partial")
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+READERS = {1: "0.1", 2: "0.1", 3: "0.1", 4: "0.2"}
+"""Version that wrote each layout. Random streams are others from 0.2 on, and last digits from 0.3 on."""
+
+
+def refuse_other_layout(path: Path, found: Any, expected: Any) -> None:
+    """Refuse a store of another version, and say which version reads it.
+
+    Parameters
+    ----------
+    path : Path
+        The store, for the message.
+    found, expected : int or None
+        Its layout, and the one of this version; None for stores without.
+
+    Raises
+    ------
+    StoreMismatchError
+        If they differ.
+    """
+    if found == expected or expected is None:
+        return
+    version = READERS.get(1 if found is None else found)
+    reader = "a later structid" if version is None else f"structid {version}"
+    raise StoreMismatchError(
+        f"store {path}",
+        f"it was written by another version of structid (layout {1 if found is None else found})",
+        f"a store of layout {expected}",
+        f"It can be read with {reader}. Name another store or folder to do the work anew; this one has not been touched.",
+    )
+
+
+CURES = {
+    "model": "To keep the runs of an earlier version of the solver: --adopt, in Python adopt=True.",
+    "engine": "The two agree but for the last digits. To go on with what JAX began: STRUCTID_ENGINE=jax. To keep runs: --adopt.",
+}
+"""What to do where nothing else differs."""
+
+
+@contextmanager
+def opened_hdf5(path: str | os.PathLike[str], content: str) -> Iterator[Any]:
+    """Open an HDF5 file that somebody names, and tell one that is damaged from one that never was such a file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    content : str
+        What it should hold.
+
+    Yields
+    ------
+    h5py.File
+        Open for reading.
+
+    Raises
+    ------
+    InputError
+        If it is no HDF5 file, or a part of it that is asked for cannot be read.
+    """
+    import h5py
+
+    given = Path(path)
+    if given.is_file() and given.stat().st_size > 0:
+        with given.open("rb") as raw:
+            if raw.read(len(HDF5_SIGNATURE)) != HDF5_SIGNATURE:
+                cure = "Name another file: this one is left as it is."
+                raise InputError(
+                    f"{path}", "it is no HDF5 file", f"a file in which structid has stored {content}", cure
+                )
+    with undamaged(path, content), h5py.File(given, "r") as file:
+        yield file
+
+
+def compare_identity(path: Path, found: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    """Refuse a store with another identity, and report what differs.
+
+    Parameters
+    ----------
+    path : Path
+        The store, for the message.
+    found, expected : mapping
+        The identity in the file and the expected one.
+
+    Raises
+    ------
+    StoreMismatchError
+        If they differ.
+    """
+    refuse_other_layout(path, found.get("schema"), expected.get("schema"))
+    differing = differences(found, expected)
+    if differing:
+        what = "; ".join(f"{k} is {found.get(k)!r} there and {expected.get(k)!r} here" for k in differing)
+        cure = "".join(f" {CURES[key]}" for key in differing) if set(differing) <= CURES.keys() else ""
+        raise StoreMismatchError(
+            f"store {path}",
+            f"it belongs to another study: {what}",
+            "a store of exactly this study, or a new file",
+            f"Name another store or folder, or move this one away; it has not been changed.{cure}",
+        )
+
+
+def differences(found: Mapping[str, Any], expected: Mapping[str, Any]) -> list[str]:
+    """List the keys in which two identities differ.
+
+    Parameters
+    ----------
+    found, expected : mapping
+        The identities.
+
+    Returns
+    -------
+    list of str
+        The keys, sorted.
+    """
+    plain = json.loads(json.dumps(dict(expected)))
+    return sorted(k for k in {*found, *plain} if found.get(k) != plain.get(k))
+
+
+def _frame(payload: bytes) -> bytes:
+    return _FRAME.pack(len(payload), zlib.crc32(payload)) + payload
+
+
+def _read_frame(file: io.BufferedReader) -> bytes | None:
+    head = file.read(_FRAME.size)
+    if len(head) < _FRAME.size:
+        return None
+    length, checksum = _FRAME.unpack(head)
+    here = file.tell()
+    # A power failure may leave zeros, or an incomplete length.
+    if length == 0 or length > file.seek(0, os.SEEK_END) - here:
+        return None
+    file.seek(here)
+    payload = file.read(length)
+    return payload if len(payload) == length and zlib.crc32(payload) == checksum else None

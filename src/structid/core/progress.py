@@ -1,0 +1,77 @@
+"""Progress of long computations: the callback they report to, and stages reported as one count."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+Progress = Callable[[int, int], None]
+"""Called with the number of finished steps and their total."""
+
+
+class Stages:
+    """Progress of work in stages of different weight, reported in hundredths of the whole.
+
+    Parameters
+    ----------
+    progress : callable or None
+        Called with the number of finished hundredths and 100.
+    weights : mapping of str to float
+        The stages in order, with the share of the time that each takes.
+    """
+
+    def __init__(self, progress: Progress | None, weights: Mapping[str, float]) -> None:
+        self._progress, self._weights = progress, dict(weights)
+
+    def of(self, stage: str) -> Progress:
+        """Return the function to which a stage reports its own progress.
+
+        Parameters
+        ----------
+        stage : str
+            Name of the stage.
+
+        Returns
+        -------
+        callable
+            Called with the number of finished steps of the stage and their total.
+        """
+        whole = sum(self._weights.values())
+        names = list(self._weights)
+        before = sum(self._weights[n] for n in names[: names.index(stage)])
+
+        def report(done: int, total: int) -> None:
+            if self._progress is not None:
+                self._progress(int(100 * (before + self._weights[stage] * done / total) / whole + 1e-9), 100)
+
+        return report
+
+    def done(self, stage: str) -> None:
+        """Report that a stage has ended, whatever number of its steps it took.
+
+        Parameters
+        ----------
+        stage : str
+            Name of the stage.
+        """
+        self.of(stage)(1, 1)
+
+
+class Steps:
+    """Counts steps; each call counts one.
+
+    Parameters
+    ----------
+    progress : callable or None
+        Called with the number of finished steps and the total.
+    total : int
+        Total number of steps.
+    """
+
+    def __init__(self, progress: Progress | None, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
+
+    def __call__(self) -> None:
+        """Count one more step."""
+        self._done += 1
+        if self._progress is not None:
+            self._progress(self._done, self._total)

@@ -1,0 +1,356 @@
+"""Physical units of inputs and outputs: ``"7.6 kN/mm"`` to SI and back. All arrays inside the library are in SI."""
+
+from __future__ import annotations
+
+import functools
+import re
+from typing import Any
+
+from structid.core.errors import InputError
+
+STANDARD_GRAVITY = 9.80665
+"""One g [m/s²], as defined by PEER and ISO 80000-3."""
+
+MIXED_UP = (
+    ("N", "kg", "This is a weight: divide it by g = 9.81 m/s², 10 kN are 1.02 t."),
+    ("1/m", "", "What is in m^-n, as beta and gamma are, has plain numbers in SI where the exponent n is not known."),
+    ("", "N*s/m", "A share of the critical damping is a damping_ratio."),
+    (
+        "1/m",
+        "1/m^2",
+        "With the unit the numbers change too: what yields at 5 mm has 130 1/m, or 26000 1/m^2 with an exponent of 2.",
+    ),
+)
+"""Units that are easily mixed up: the one that came, the one that is wanted, and what to do."""
+
+AMBIGUOUS = (
+    (r"kn", "kn is a knot, a speed", "'kN', if a kilonewton is meant, or 'knot'"),
+    (r"pH", "pH is a picohenry to a reader of units", "no unit: an acidity is a logarithm, and has none"),
+    (
+        r"[kM]?(?:tons?(?:_force)?|tonf|force_ton)",
+        "a ton may be 907.185 kg (short, of the United States), 1016.05 kg (long) or 1000 kg",
+        "'t' for 1000 kg, 'short_ton' or 'long_ton'; 'tf' for the weight of 1000 kg",
+    ),
+)
+"""Words that mean one unit to a reader of units and another to an engineer: a pattern, what is wrong, what to write instead."""
+
+_NUMBER = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*$")
+
+
+@functools.cache
+def _registry() -> Any:
+    import pint  # slow to import
+
+    registry = pint.UnitRegistry(cache_folder=None)
+    # In structural engineering g means gravity; grams are not needed.
+    registry.define(f"gravity_g = {STANDARD_GRAVITY} * meter / second ** 2")
+    return registry
+
+
+def _clean(unit: str) -> str:
+    text = unit.strip().replace("²", "**2").replace("³", "**3").replace("·", "*").replace("^", "**")
+    text = re.sub(r"(?<=[A-Za-z])(?=-?[2-9]|-1)", "**", text)  # m/s2, kN/m3; the CF conventions' m s-1
+    if not re.search(r"\bper\b", text):
+        text = re.sub(r"(?<=[A-Za-z\d])\s+(?=[A-Za-z])", "*", text)
+    # A single g means gravity; "kg" and similar units stay as they are.
+    return re.sub(r"(?<![A-Za-z])g(?![A-Za-z])", "gravity_g", text)
+
+
+def _parsed(text: str, times: float = 1.0) -> Any:
+    """One of a unit, or a number of it where the text begins with one; or so many times as much."""
+    registry = _registry()
+    return times * registry.Quantity(text) if text[0].isdigit() else registry.Quantity(times, text)
+
+
+@functools.cache
+def _si_quantity(unit: str) -> Any:
+    registry = _registry()
+    text = _clean(unit)
+    if text in ("", "-", "1"):
+        return registry.Quantity(1.0)
+    for words, came, allowed in AMBIGUOUS:
+        if re.search(rf"(?<![A-Za-z_]){words}(?![A-Za-z_])", text):
+            raise InputError(f"unit '{unit}'", came, allowed)
+    try:
+        one, three = (_parsed(text, times).to_base_units() for times in (1.0, 3.0))
+        proportional = abs(three.magnitude / one.magnitude - 3.0) < 1e-9
+    except Exception as cause:
+        if type(cause).__name__ != "OffsetUnitCalculusError":
+            raise InputError(
+                f"unit '{unit}'",
+                "it is not a unit that structid knows",
+                "for example 'kN/mm', '1/m', 'm/s^2', 'g', 'Hz', '%'",
+                "Check the spelling; exponents are m^2, m**2 or m2.",
+            ) from cause
+        proportional = False
+    if not proportional:
+        raise InputError(
+            f"unit '{unit}'",
+            "a scale with a zero of its own, or a logarithmic one: no factor turns it into SI",
+            "a unit of which three are three times as much, such as 'K', or 'delta_degC' for a difference",
+            "Convert the values first.",
+        )
+    return one
+
+
+def factor(unit: str) -> float:
+    """SI value of one `unit`, so that ``value_si = value * factor(unit)``.
+
+    Parameters
+    ----------
+    unit : str
+        A unit such as ``"kN/mm"``; empty for a dimensionless number.
+
+    Returns
+    -------
+    float
+        The factor, 1e6 for ``"kN/mm"``.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown, means several things, as a ton does, or is no factor, as a degree Celsius is not.
+    """
+    return float(_si_quantity(unit).magnitude)
+
+
+def si_unit(unit: str) -> str:
+    """Name the SI unit of the dimension that a unit measures.
+
+    Parameters
+    ----------
+    unit : str
+        A unit such as ``"mm"``.
+
+    Returns
+    -------
+    str
+        In the words of the unit, such as ``"N/m"`` for kN/mm; empty for a pure number.
+
+    Raises
+    ------
+    InputError
+        If the unit is unknown.
+    """
+    if _si_quantity(unit).dimensionless:
+        return ""
+    registry = _registry()
+    coherent = registry.Quantity(1.0)
+    for name, power in _parsed(_clean(unit)).unit_items():
+        # kilonewton is newton, millimetre metre, and what is no SI unit without its prefix becomes base units: t is kg.
+        plain = registry.Quantity(1.0, registry.parse_unit_name(name)[0][1])
+        whole = abs(plain.to_base_units().magnitude - 1.0) < 1e-12
+        coherent = coherent * registry.Quantity(1.0, (plain if whole else plain.to_base_units()).units) ** power
+    return f"{coherent.units:~C}"
+
+
+def same_dimension(unit: str, other: str) -> bool:
+    """Whether two units measure the same kind of quantity.
+
+    Parameters
+    ----------
+    unit, other : str
+        The units to compare.
+
+    Returns
+    -------
+    bool
+        True for ``"kN/mm"`` and ``"N/m"``.
+    """
+    return bool(_si_quantity(unit).dimensionality == _si_quantity(other).dimensionality)
+
+
+def to_si(value: float | str, unit: str, where: str = "value") -> float:
+    """Convert a number, or a text such as ``"7.6 kN/mm"``, to SI.
+
+    Parameters
+    ----------
+    value : float or str
+        A number is in `unit`; a text has its own unit.
+    unit : str
+        The expected unit, which the unit of a text must have the same dimension as.
+    where : str
+        The key or argument, for the message.
+
+    Returns
+    -------
+    float
+        The value in SI.
+
+    Raises
+    ------
+    InputError
+        If the text is not a quantity, or has another dimension.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float, str)):
+        raise InputError(where, f"{value!r}", f"a number, or a text with a unit such as '1 {unit or '%'}'")
+    if not isinstance(value, str):
+        return float(value) * factor(unit)
+    match = _NUMBER.match(value)
+    if match is None:
+        raise InputError(where, f"'{value}'", f"a number followed by a unit, such as '1.0 {unit}'".rstrip(" '") + "'")
+    number, own = float(match.group(1)), match.group(2)
+    if own == "":
+        pure = unit in ("", "-", "1")
+        raise InputError(
+            where,
+            f"'{value}', a text without a unit",
+            f"a text with its unit, such as '{value.strip()} {'%' if pure else unit}', or the number without quotes, which is "
+            f"{'a pure number' if pure else f'in {unit}'}",
+        )
+    if re.match(r"(?!1\s*/)[\d.,]", own):
+        raise InputError(
+            where,
+            f"'{value}', of which '{match.group(1)}' alone would be read as the number",
+            f"one number and its unit, such as '12000 {unit}'".rstrip(" '") + "'",
+            "Write thousands without spaces and commas, and decimals with a point.",
+        )
+    return number * factor_of(own, unit, where, value)
+
+
+def factor_of(unit: str, like: str, where: str, came: str = "") -> float:
+    """SI value of one `unit`, which must measure the same as another.
+
+    Parameters
+    ----------
+    unit : str
+        The unit that came.
+    like : str
+        One of the dimension that is wanted; empty for a pure number.
+    where : str
+        The key or argument, for the message.
+    came : str
+        The text that has the unit, if not the unit alone came.
+
+    Returns
+    -------
+    float
+        The factor; see `factor`.
+
+    Raises
+    ------
+    InputError
+        If it is unknown, or has another dimension.
+    """
+    if not same_dimension(unit, like):
+        said = f"'{came}' has the unit '{unit}'" if came else f"the unit '{unit}'"
+        allowed = f"a unit that measures the same as '{like}'" if like else "a plain number, without a unit"
+        raise InputError(where, said, allowed, _mixed_up(unit, like))
+    return factor(unit)
+
+
+def _mixed_up(unit: str, like: str) -> str:
+    """What to do about a unit of another dimension."""
+    for given, wanted, cure in MIXED_UP:
+        if same_dimension(unit, given) and same_dimension(like, wanted):
+            return cure
+    return "Correct the unit."
+
+
+def check_power_of_length(unit: str, where: str) -> None:
+    """Refuse a unit that is no power of a length, as those of β and γ are, m⁻ⁿ.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``"1/mm"``.
+    where : str
+        The key or argument, for the message.
+
+    Raises
+    ------
+    InputError
+        If it is another unit.
+    """
+    if set(_si_quantity(unit).dimensionality) - {"[length]"}:
+        raise InputError(where, f"'{unit}'", "a power of a length, such as '1/m'", "Correct the unit.")
+
+
+def is_quantity(text: str) -> bool:
+    """Whether a text is a number with a unit that is known.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"12 t"``.
+
+    Returns
+    -------
+    bool
+        False for any other text, and for a bare number.
+    """
+    match = _NUMBER.match(text)
+    if match is None or not match.group(2):
+        return False
+    try:
+        _si_quantity(match.group(2))
+    except InputError:
+        return False
+    return True
+
+
+def in_si(text: str) -> str:
+    """Say a quantity in SI.
+
+    Parameters
+    ----------
+    text : str
+        Such as ``"12 t"``; see `is_quantity`.
+
+    Returns
+    -------
+    str
+        Such as ``"12000 kg"``.
+    """
+    match = _NUMBER.match(text)
+    assert match is not None
+    unit = si_unit(match.group(2)).replace("**", "^")
+    return f"{float(match.group(1)) * factor(match.group(2)):.6g}{' ' + unit if unit else ''}"
+
+
+def label(name: str, unit: str) -> str:
+    """Name and unit as axes and tables show them, ``"stiffness [kN/mm]"``.
+
+    Parameters
+    ----------
+    name, unit : str
+        The name and its unit; no brackets if the unit is empty.
+
+    Returns
+    -------
+    str
+        The label.
+    """
+    return f"{name} [{unbracketed(unit)}]" if unit not in ("", "-", "1") else name
+
+
+def squared(unit: str) -> str:
+    """Give the unit of a variance.
+
+    Parameters
+    ----------
+    unit : str
+        Of the values, such as ``"m/s"``.
+
+    Returns
+    -------
+    str
+        Such as ``"(m/s)^2"``; empty for values without a unit.
+    """
+    return f"({unit})^2" if unit else ""
+
+
+def unbracketed(unit: str) -> str:
+    """Leave out brackets around a single unit.
+
+    Parameters
+    ----------
+    unit : str
+        Such as ``"(m)^2"``.
+
+    Returns
+    -------
+    str
+        Such as ``"m^2"``; ``"(m/s)^2"`` stays as it is.
+    """
+    return re.sub(r"\((\w+)\)\^", r"\1^", unit)

@@ -1,0 +1,458 @@
+"""What public functions and classes refuse at the door: unknown names, text for numbers, masked or complex arrays, other kinds."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import numbers
+import re
+import types
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numpy as np
+
+from structid.core.errors import InputError, suggestion
+
+T = TypeVar("T", bound=Callable[..., Any])
+
+NUMBERS = {"float", "int"}
+"""Annotations of a number."""
+
+ARRAYS = re.compile(r"(Sequence|tuple|list)\[(float|int|np\.ndarray)[^|]*\]|np\.ndarray|ArrayLike")
+"""Annotations of numbers in an array or a sequence."""
+
+KINDS = {
+    "ParameterSpace": ("marginals", "a structid.ParameterSpace"),
+    "Model": ("simulate", "a model such as structid.BoucWen or structid.CallableModel"),
+    "Target": ("log_density", "a structid.Posterior or structid.LogDensity"),
+    "Posterior": ("observations", "a structid.Posterior"),
+    "Excitation": ("duration", "a structid.GroundMotion, ForceHistory or DisplacementHistory"),
+    "Observation": ("check_new", "a structid.Observation"),
+    "ErrorLaw": ("added", "a law of errors such as structid.AR1()"),
+    "Sampler": ("ensembles", "a sampler such as structid.SMC()"),
+    "SurrogateSettings": ("fit", "settings of a surrogate such as structid.PODKriging()"),
+    "Limits": ("confidence_of", "a structid.Limits such as Limits(mean=0.05)"),
+    "Plan": ("explorer", "a structid.Plan such as Plan(true_runs=300)"),
+    "Runs": ("design", "a structid.Runs, as a Campaign gives it"),
+}
+"""Annotations, something that everything of that kind has, and what to give."""
+
+INSTEAD_OF_A_NUMBER: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "Marginal": (lambda value: hasattr(value, "quantile"), "a prior such as Normal(1.0, 0.1)"),
+    "Mapping": (lambda value: isinstance(value, Mapping), "a dictionary by channel"),
+}
+"""What else an argument may be that is a number in the simplest case, by the annotation: how it is recognised, and its words."""
+
+
+# --- numbers and arrays ---------------------------------------------------------------------------------------------
+
+
+def real_number(where: str, value: Any, allowed: str = "a number", cure: str = "") -> Any:
+    """Turn a number of NumPy or another library into Python's, and refuse everything else.
+
+    Parameters
+    ----------
+    where : str
+        Name of the argument.
+    value : Any
+        A Python number, a NumPy scalar, an array without dimensions, a `Fraction` or `Decimal`; None and traced values of JAX
+        pass as they are.
+    allowed, cure : str
+        What is allowed, and what to do, for the message.
+
+    Returns
+    -------
+    Any
+        A float, an int or a bool.
+
+    Raises
+    ------
+    InputError
+        If it is text, NaN, masked, complex, carries a unit, or is no number at all.
+    """
+    if value is None or isinstance(value, (bool, int)) or _is_jax(value):
+        return value
+    if isinstance(value, float):
+        number: Any = float(value)  # of NumPy, too
+    elif value is np.ma.masked:
+        raise InputError(where, "a masked value", allowed, cure)
+    elif unit := unit_of(value):
+        raise InputError(
+            where, f"a quantity in {unit}", allowed, "Give the number alone, in the unit that the help names."
+        )
+    elif isinstance(value, (np.generic, np.ndarray)) and np.ndim(value) == 0:
+        array = real_array(where, value, allowed)
+        number = array.item() if np.asarray(value).dtype.kind == "f" else np.asarray(value).item()
+    elif isinstance(value, numbers.Real) or type(value).__name__ == "Decimal":
+        number = float(value)
+    else:
+        raise InputError(where, in_words(value), allowed, cure)
+    if isinstance(number, float) and math.isnan(number):
+        raise InputError(where, "nan, which is no number", allowed, cure)
+    return number
+
+
+def real_array(where: str, value: Any, allowed: str = "an array of numbers") -> np.ndarray:
+    """Turn an array-like into an array of real numbers, and refuse what would be lost on the way.
+
+    Parameters
+    ----------
+    where : str
+        Name of the argument.
+    value : array-like
+        Numbers: lists, NumPy's arrays, pandas' columns with missing values (which become NaN), arrays of other libraries.
+    allowed : str
+        What is allowed, for the message.
+
+    Returns
+    -------
+    ndarray of float64
+        In its shape.
+
+    Raises
+    ------
+    InputError
+        If values are masked, complex, text or other objects, or carry a unit, or rows differ in length.
+    """
+    if masked := _masked_values(value):
+        cure = "Fill them, or cut them out; a value that was not measured is no value."
+        raise InputError(where, f"{masked} masked value{'s' if masked > 1 else ''}", f"{allowed}, none masked", cure)
+    if unit := unit_of(value):
+        cure = "Convert it to the unit that the help names, and give its plain values."
+        raise InputError(where, f"quantities in {unit}", allowed, cure)
+    array = _as_array(where, value, allowed)
+    match array.dtype.kind:
+        case "b" | "i" | "u" | "f":
+            return array.astype(np.float64, copy=False)
+        case "c" if not np.any(array.imag):
+            return array.real.astype(np.float64)
+        case "c":
+            cure = "Give its real part, or its absolute value, whichever is meant."
+            raise InputError(where, "complex numbers", f"{allowed}, all of them real", cure)
+        case "O":
+            return _of_objects(where, array, allowed)
+        case "U" | "S" | "T":
+            cure = "Text is never taken for a number: convert it first, as in values.astype(float)."
+            raise InputError(where, f"text such as {str(array.ravel()[0])!r}", allowed, cure)
+        case "V":
+            names = ", ".join(array.dtype.names or ())
+            raise InputError(where, f"a structured array with the fields {names}", allowed, "Give one of its fields.")
+        case _:
+            raise InputError(where, f"values of the type {array.dtype}", allowed)
+
+
+def real_arrays(where: str, value: Any) -> Any:
+    """Check an argument that may be one array, or several in a sequence, and leave everything else as it is.
+
+    Parameters
+    ----------
+    where : str
+        Name of the argument.
+    value : Any
+        What came.
+
+    Returns
+    -------
+    Any
+        Arrays of other kinds as arrays of float64; plain arrays and everything else unchanged.
+    """
+    if isinstance(value, np.ndarray) and not isinstance(value, np.ma.MaskedArray) and value.dtype.kind in "fiub":
+        return value
+    if isinstance(value, (list, tuple)):
+        if any(isinstance(one, (np.ndarray, list, tuple)) or hasattr(one, "__array__") for one in value):
+            return type(value)(real_arrays(where, one) for one in value) if type(value) in (list, tuple) else value
+        for one in value:
+            if isinstance(one, (str, bytes, complex)) or one is np.ma.masked:
+                real_number(where, one, "numbers")
+        return value
+    if isinstance(value, np.ndarray) or _is_pandas(value) or unit_of(value):
+        return real_array(where, value)
+    return value
+
+
+def unit_of(value: Any) -> str:
+    """Unit of a quantity of pint, astropy or unyt, whose numbers alone would be read as SI.
+
+    Parameters
+    ----------
+    value : Any
+        What came.
+
+    Returns
+    -------
+    str
+        The unit; empty for plain numbers.
+    """
+    for unit, number in (("units", "magnitude"), ("unit", "value"), ("units", "value")):
+        if hasattr(value, unit) and hasattr(value, number) and not isinstance(value, type):
+            return str(getattr(value, unit)) or "no unit"
+    return ""
+
+
+def in_words(value: Any) -> str:
+    """Say what came, with an article.
+
+    Parameters
+    ----------
+    value : Any
+        What came.
+
+    Returns
+    -------
+    str
+        Such as ``"the text 'a'"`` or ``"an array"``.
+    """
+    if isinstance(value, str):
+        return f"the text '{value}'"
+    if isinstance(value, complex):
+        return f"the complex number {value}"
+    name = {"ndarray": "array", "Marginal": "prior"}.get(type(value).__name__, type(value).__name__)
+    return f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"
+
+
+def _is_jax(value: Any) -> bool:
+    return type(value).__module__.split(".")[0] in ("jax", "jaxlib")
+
+
+def _is_pandas(value: Any) -> bool:
+    return type(value).__module__.split(".")[0] == "pandas" and hasattr(value, "to_numpy")
+
+
+def _masked_values(value: Any) -> int:
+    """How many values of an array, or of arrays in a list, are masked."""
+    if isinstance(value, np.ma.MaskedArray):
+        return int(np.count_nonzero(np.ma.getmaskarray(value)))
+    if isinstance(value, (list, tuple)):
+        return sum(_masked_values(one) for one in value)
+    return 0
+
+
+def _as_array(where: str, value: Any, allowed: str) -> np.ndarray:
+    if _is_pandas(value):
+        # Missing values of the nullable types are NaN, as they are of the plain ones.
+        kinds = [str(kind) for kind in np.atleast_1d(value.dtypes)]
+        if not any(kind in ("object", "category") or "string" in kind or kind == "str" for kind in kinds):
+            try:
+                return np.asarray(value.to_numpy(dtype=np.float64, na_value=np.nan))
+            except (TypeError, ValueError):
+                pass
+        return np.asarray(value.to_numpy())
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError) as problem:
+        raise InputError(where, f"no array ({problem})", allowed, "Rows must have the same length.") from None
+
+
+def _of_objects(where: str, array: np.ndarray, allowed: str) -> np.ndarray:
+    """Numbers that NumPy keeps as objects: Python's whole numbers beyond 64 bits, fractions, decimals."""
+    flat = [real_number(f"{where}, value {place}", one, allowed) for place, one in enumerate(array.ravel())]
+    if any(one is None for one in flat):
+        place = next(i for i, one in enumerate(flat) if one is None)
+        raise InputError(f"{where}, value {place}", "None", allowed, "A value that was not measured is no value.")
+    return np.array(flat, dtype=np.float64).reshape(array.shape)
+
+
+# --- names ----------------------------------------------------------------------------------------------------------
+
+NAME = re.compile(r"[^\W\d](?:[\w .+-]*[\w.+-])?(?:\[\w+(?:, \w+)*\])?")
+"""A name that tables, pages, figures, file names, netCDF and HDF5 all carry: a letter or _ first, then no sign that means something
+to one of them. Indices may follow as ArviZ writes them: ``b[0]``."""
+
+COORDINATES = ("chain", "draw", "ensemble")
+"""Names of axes in our netCDF files, which no variable beside them may have."""
+
+
+def check_name(where: str, name: Any, reserved: Sequence[str] = ()) -> str:
+    """Refuse a name that some output cannot carry.
+
+    Parameters
+    ----------
+    where : str
+        What has the name, for the message.
+    name : Any
+        The name.
+    reserved : sequence of str
+        Names that stand for something else.
+
+    Returns
+    -------
+    str
+        The same name.
+
+    Raises
+    ------
+    InputError
+        If it is empty, no text, has a sign such as / or <, or is reserved.
+    """
+    allowed = "a letter first, then letters, digits, _, ., + or -, such as 'stiffness_1'"
+    if not isinstance(name, str) or not NAME.fullmatch(name):
+        came = in_words(name) if not isinstance(name, str) else f"the name '{name}'" if name else "an empty name"
+        raise InputError(
+            where, came, allowed, "Files, tables and pages carry it, and other signs mean something to them."
+        )
+    if name in reserved:
+        raise InputError(
+            where, f"the name '{name}'", f"another name than {', '.join(reserved)}, which name axes of draws"
+        )
+    return name
+
+
+# --- arguments ------------------------------------------------------------------------------------------------------
+
+
+def check_arguments(what: T) -> T:
+    """Make a class or function refuse arguments that it does not know, and values of another kind, by a sentence.
+
+    Parameters
+    ----------
+    what : callable
+        A function; or a class, whose ``__init__`` and public methods are wrapped.
+
+    Returns
+    -------
+    callable
+        The wrapped function, or the same class.
+    """
+    if not isinstance(what, type):
+        return cast(T, _checked(what, what.__qualname__))
+    setattr(what, "__init__", _checked(getattr(what, "__init__"), what.__qualname__))  # noqa: B009, B010, as mypy wants it
+    for name, method in vars(what).copy().items():
+        if not name.startswith("_") and isinstance(method, (classmethod, staticmethod)):
+            setattr(what, name, type(method)(_checked(method.__func__, method.__func__.__qualname__)))
+        elif not name.startswith("_") and inspect.isfunction(method):
+            setattr(what, name, _checked(method, method.__qualname__))
+    return what
+
+
+class _Check(NamedTuple):
+    """What the value of one argument must be, from its annotation.
+
+    Parameters
+    ----------
+    number : str
+        What is allowed where a number may come; empty where none may.
+    others : tuple of str
+        Names in `INSTEAD_OF_A_NUMBER` of what may come instead.
+    open : bool
+        Whether something may come that is not known here, text included.
+    array : bool
+        Whether an array of numbers may come.
+    kinds : tuple of str
+        Kinds of `KINDS`, of which it must be one; empty where it may be something else, too.
+    several : bool
+        Whether several of these may come.
+    """
+
+    number: str
+    others: tuple[str, ...]
+    open: bool
+    array: bool
+    kinds: tuple[str, ...]
+    several: bool
+
+    @classmethod
+    def of(cls, annotation: str) -> _Check:
+        """The check of an annotation, such as ``"float | Marginal | None"``."""
+        words = [word for word in _union(annotation) if word != "None"]
+        others = tuple(name for name in INSTEAD_OF_A_NUMBER if any(word.split("[")[0] == name for word in words))
+        allowed = " or ".join(["a number", *(INSTEAD_OF_A_NUMBER[name][1] for name in others)])
+        arrays = [word for word in words if ARRAYS.fullmatch(word)]
+        rest = [word for word in words if word not in (*NUMBERS, *arrays) and word.split("[")[0] not in others]
+        single = [re.sub(r"^Sequence\[(\w+)\]$", r"\1", word) for word in words]
+        known = bool(single) and set(single) <= KINDS.keys()
+        return cls(
+            allowed if NUMBERS & set(words) else "",
+            others,
+            bool(rest),
+            bool(arrays),
+            tuple(single) if known else (),
+            known and single != words,
+        )
+
+    def refuses_nothing(self) -> bool:
+        """Whether any value may come."""
+        return not (self.number or self.array or self.kinds)
+
+    def applied(self, where: str, called: str, value: Any) -> Any:
+        """The value, with numbers and arrays of other libraries as Python's and NumPy's."""
+        if value is None:
+            return None
+        if self.kinds:
+            _refuse_another_kind(where, value, self.kinds, self.several)
+            return value
+        if self.number and not any(INSTEAD_OF_A_NUMBER[name][0](value) for name in self.others):
+            array = self.array and not isinstance(value, str) and isinstance(value, (np.ndarray, Sequence))
+            if not array and not (self.open and not _is_number(value)):
+                cure = f"Write it without quotes. help({called}) says in which unit." if isinstance(value, str) else ""
+                return real_number(where, value, self.number, cure)
+        return real_arrays(where, value) if self.array else value
+
+
+def _spelt_out(annotation: Any, function: Callable[..., Any]) -> str:
+    """An annotation as text; a name that stands for a union of types, such as ``Storeys``, as that union."""
+    meant = getattr(function, "__globals__", {}).get(str(annotation))
+    union = str(meant) if isinstance(meant, types.UnionType) else str(annotation)
+    return union.replace("collections.abc.", "").replace("numpy.", "np.")
+
+
+def _union(annotation: str) -> list[str]:
+    """Members of a union, those inside brackets kept together."""
+    words, depth = [""], 0
+    for sign in annotation:
+        depth += (sign == "[") - (sign == "]")
+        if sign == "|" and depth == 0:
+            words.append("")
+        else:
+            words[-1] += sign
+    return [word.strip() for word in words]
+
+
+def _is_number(value: Any) -> bool:
+    """Whether a value is of a kind that `real_number` turns into a number, or refuses as a wrong one."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return np.ndim(value) == 0 and np.asarray(value).dtype.kind not in "USO"
+    return isinstance(value, numbers.Number) or value is np.ma.masked or bool(unit_of(value))
+
+
+def _checked(function: Callable[..., Any], called: str) -> Callable[..., Any]:
+    every = inspect.signature(function).parameters
+    parameters = {name: p for name, p in every.items() if name not in ("self", "cls")}
+    open_ended = any(p.kind is p.VAR_KEYWORD for p in parameters.values())
+    known = [name for name in parameters if not name.startswith("_")]
+    checks = {name: _Check.of(_spelt_out(p.annotation, function)) for name, p in parameters.items()}
+    checks = {name: check for name, check in checks.items() if not check.refuses_nothing()}
+    in_order = tuple(every)
+    needed = [
+        name
+        for name, p in parameters.items()
+        if p.default is p.empty and p.kind not in (p.VAR_POSITIONAL, p.VAR_KEYWORD)
+    ]
+
+    def check(name: str, value: Any) -> Any:
+        return checks[name].applied(f"{called}({name})", called, value) if name in checks else value
+
+    @functools.wraps(function)
+    def checked(*arguments: Any, **named: Any) -> Any:
+        for name in named:
+            if not open_ended and name not in parameters:
+                cure = suggestion(name, known)
+                raise InputError(
+                    f"{called}({name})", "an argument that it does not have", ", ".join(known) or "none", cure
+                )
+        placed = [check(name, value) for name, value in zip(in_order, arguments, strict=False)]
+        given = {name: check(name, value) for name, value in named.items()}
+        missing = [name for name in needed if name not in in_order[: len(arguments)] and name not in named]
+        if missing:
+            wanted = f"{called}({', '.join(needed)}, …)"
+            raise InputError(called, f"{' and '.join(missing)} left out", wanted, f"See help({called}).")
+        return function(*placed, *arguments[len(in_order) :], **given)
+
+    return checked
+
+
+def _refuse_another_kind(where: str, value: Any, kinds: tuple[str, ...], several: bool) -> None:
+    for one in value if several and isinstance(value, (list, tuple)) else [value]:
+        if not any(hasattr(one, KINDS[kind][0]) for kind in kinds):
+            raise InputError(where, in_words(one), " or ".join(dict.fromkeys(KINDS[kind][1] for kind in kinds)))

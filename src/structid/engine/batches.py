@@ -1,0 +1,36 @@
+"""Compiled functions of many runs, called a batch at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+LARGEST_BATCH = 2000
+"""Runs compiled and kept in memory at once."""
+
+
+def in_batches(
+    function: Callable[..., Any], rows: np.ndarray, data: Any, size: int = LARGEST_BATCH
+) -> tuple[np.ndarray, ...]:
+    """Call a compiled function of many runs on batches of them, and put the results together.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(rows, data)`` returns a tuple of arrays with a leading run axis.
+    rows : ndarray, shape (run, …)
+        One for each run.
+    data : tree of arrays
+        The same for all.
+    size : int
+        Largest number of runs in a batch.
+
+    Returns
+    -------
+    tuple of ndarray
+        Of all runs.
+    """
+    parts = [function(rows[start : start + size], data) for start in range(0, len(rows), size)]
+    return tuple(np.concatenate(column) for column in zip(*parts, strict=True))

@@ -1,0 +1,159 @@
+"""One place that sets JAX up: double precision, every core of the machine, a compilation cache, batches over the cores."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import math
+import re
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+
+from structid.core.cores import cache_folder, cores_to_use
+
+
+def _set_up() -> None:
+    jax.config.update("jax_enable_x64", True)
+    # XLA runs one scan on one core, so each core becomes a device of its own and a batch is shared out over them.
+    # Where the caller has used JAX already, its devices stay as they are.
+    with contextlib.suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", cores_to_use())
+    if jax.config.jax_compilation_cache_dir is None:
+        jax.config.update("jax_compilation_cache_dir", str(cache_folder("jax")))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+
+
+_set_up()
+
+BatchFunction = Callable[..., Any]
+
+FACTORISATION = re.compile(r"= (cholesky|triangular_solve|lu|geqrf|householder_product|qr|eigh|eig|svd|schur)\b")
+"""Operations of a jaxpr, as it is printed, that call LAPACK."""
+
+
+@functools.cache
+def mesh() -> Mesh:
+    """Every device of the default platform in a row, named ``runs``.
+
+    Returns
+    -------
+    jax.sharding.Mesh
+        A one-dimensional mesh.
+    """
+    return Mesh(np.array(jax.devices()), ("runs",))
+
+
+def padded_size(runs: int) -> int:
+    """Round a number of runs up, so that few shapes are compiled and the devices share the batch equally.
+
+    Parameters
+    ----------
+    runs : int
+        How many there are.
+
+    Returns
+    -------
+    int
+        The next number that is a multiple of the devices and, beyond 16, of an eighth of the power of two below it:
+        16, 18, 20, … 32, 36, 40, … for two devices.
+    """
+    step = (
+        2 ** max(math.floor(math.log2(max(runs, 1))) - 3, 0) if runs > 16 else 2 ** math.ceil(math.log2(max(runs, 1)))
+    )
+    step = math.lcm(step, mesh().size)
+    return step * math.ceil(runs / step)
+
+
+BATCH_SIZES = (16, 64, 256, 512)
+"""Sizes that a function which is not a loop over time is compiled for: a call is cheap, compiling one more size is not."""
+
+
+def few_sizes(runs: int) -> int:
+    """Round a number of runs up to one of `BATCH_SIZES`, or to a multiple of the largest.
+
+    Parameters
+    ----------
+    runs : int
+        How many there are.
+
+    Returns
+    -------
+    int
+        That many or more.
+    """
+    return next((size for size in BATCH_SIZES if runs <= size), -(-runs // BATCH_SIZES[-1]) * BATCH_SIZES[-1])
+
+
+def over_runs(function: BatchFunction, run_axes: Any = 0, shard: bool = True) -> BatchFunction:
+    """Compile a function of arrays with a leading run axis, and share that axis out over the devices.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(theta, *constants)``: maps ``theta[run, ...]`` to a tree of arrays, each run on its own; the constants
+        are the same for all runs.
+    run_axes : int or tree of int
+        Where the run axis is in what `function` returns: one place for all, or a tree like the returned one.
+    shard : bool
+        Whether to share it out. A loop over time keeps one core busy. Products of matrices use all cores by themselves, and two
+        devices would be in each other's way. A function that factorises matrices is never shared out: LAPACK, called by two
+        devices at once, waits for ever for threads that the other holds.
+
+    Returns
+    -------
+    callable
+        The same function, returning NumPy arrays, for any number of runs. It pads by repeating the last run.
+    """
+
+    def sharded(theta: Any, constants: tuple[Any, ...]) -> Any:
+        if not shard or factorises(theta, constants):
+            return function(theta, *constants)
+        specs = jax.tree.map(lambda axis: PartitionSpec(*[None] * axis, "runs"), run_axes)
+        return jax.shard_map(
+            lambda t, c: function(t, *c),
+            mesh=mesh(),
+            in_specs=(PartitionSpec("runs"), PartitionSpec()),
+            out_specs=specs,
+            check_vma=False,  # the loops of other libraries begin from constants, which it would refuse
+        )(theta, constants)
+
+    def factorises(theta: Any, constants: tuple[Any, ...]) -> bool:
+        return bool(FACTORISATION.search(str(jax.make_jaxpr(function)(theta[:1], *constants))))
+
+    compiled = jax.jit(sharded)
+
+    def call(theta: Any, *constants: Any) -> Any:
+        theta = np.asarray(theta, dtype=np.float64)
+        count = len(theta)
+        missing = (padded_size if shard else few_sizes)(count) - count
+        if missing:
+            theta = np.concatenate([theta, np.repeat(theta[-1:], missing, axis=0)])
+        result = compiled(theta, constants)
+        axes = jax.tree.map(lambda _: run_axes, result) if isinstance(run_axes, int) else run_axes
+        return jax.tree.map(lambda leaf, axis: _gathered(leaf, axis, count), result, axes)
+
+    return call
+
+
+def _gathered(leaf: jax.Array, axis: int, count: int) -> np.ndarray:
+    """Bring the devices' parts of an array together, each part copied by a thread of its own."""
+    if leaf.size < 100_000 or axis != leaf.ndim - 1:
+        # A copy: the buffer of a JAX array is read-only.
+        return np.take(np.array(leaf), np.arange(count), axis)
+    whole = np.empty(leaf.shape)
+
+    def copy(shard: Any) -> None:
+        whole[shard.index] = np.asarray(shard.data)
+
+    with ThreadPoolExecutor(len(leaf.addressable_shards)) as pool:
+        list(pool.map(copy, leaf.addressable_shards))
+    return whole[..., :count]
+
+
+__all__ = ["BATCH_SIZES", "few_sizes", "jnp", "mesh", "over_runs", "padded_size"]

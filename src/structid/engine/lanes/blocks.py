@@ -1,0 +1,51 @@
+"""Work on all cores: plain threads, since compiled code lets go of Python's lock.
+
+The threads belong to one process. A process that is forked from it has none of them, and starts its own.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+
+from structid.core.cores import cores_to_use
+
+_pool: ThreadPoolExecutor | None = None
+_lock = threading.Lock()
+
+
+def _forget() -> None:
+    global _pool, _lock
+    _pool, _lock = None, threading.Lock()
+
+
+os.register_at_fork(after_in_child=_forget)
+
+
+def _threads(count: int) -> ThreadPoolExecutor:
+    global _pool
+    with _lock:
+        if _pool is None:
+            _pool = ThreadPoolExecutor(count, thread_name_prefix="structid lanes")
+        return _pool
+
+
+def on_all_cores(work: Callable[[], None], parts: int) -> None:
+    """Let every core work until nothing is left.
+
+    Parameters
+    ----------
+    work : callable
+        Takes parts that nobody has taken yet, one after the other, and returns when none is left.
+    parts : int
+        How many there are: no more cores are called.
+    """
+    cores = cores_to_use()
+    others = [_threads(cores - 1).submit(work) for _ in range(min(cores, parts) - 1)]
+    work()
+    for other in others:
+        # What has not begun has nothing left to do.
+        if not other.cancel():
+            other.result()

@@ -1,0 +1,52 @@
+"""A density with its gradient in compiled lanes, for samplers inside JAX."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+
+from structid.engine.lanes.in_lanes import InLanes
+from structid.engine.slopes import with_slopes
+
+
+def differentiable_in_lanes(
+    density: Callable[..., Any], parameters: int, constants: tuple[Any, ...]
+) -> Callable[[Any], Any] | None:
+    """Compile a density together with its gradient, where lanes can do that.
+
+    Derivatives go forward, along all parameters at once, beside the density itself: parameters are few and histories long. What the
+    directions have in common, such as the matrix of an equilibrium, is computed once.
+
+    Parameters
+    ----------
+    density : callable
+        ``density(phi, *constants)``: from points (run, parameter) to numbers (run,), inside JAX.
+    parameters : int
+        How many.
+    constants : tuple of tree of arrays
+        The same for all runs.
+
+    Returns
+    -------
+    callable or None
+        ``density(phi)`` inside JAX, which can be differentiated once; None where lanes cannot do it.
+    """
+
+    def with_gradient(phi: Any, *constants: Any) -> tuple[Any, Any]:
+        value, slopes = with_slopes(lambda at: density(at, *constants), phi)
+        return value, slopes.T
+
+    compiled = InLanes(with_gradient).compiled(parameters, constants)
+    if compiled is None:
+        return None
+
+    def slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        value, gradient = compiled.inside_jax(*primals)
+        return value, (gradient * tangents[0]).sum(axis=1)
+
+    found: Any = jax.custom_jvp(lambda phi: compiled.inside_jax(phi)[0])
+    found.defjvp(slope)
+    differentiable: Callable[[Any], Any] = found
+    return differentiable

@@ -1,0 +1,221 @@
+"""The text of a compiled function of many runs: blocks of lanes outside, the function of one run inside."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from structid.engine.vector_code.operations import Function
+from structid.engine.vector_code.registers import Number, Register
+from structid.engine.vector_code.translation import LARGEST_ROW, Translator
+from structid.engine.vector_code.values import SIGNALS, History, InMemory, Value
+from structid.engine.vector_code.vector_code import VectorCode
+
+ENTRY = "run_blocks"
+"""Name of the compiled function."""
+
+SIGNATURE = (
+    "ptr noalias %arguments, ptr noalias %shared, ptr noalias %signals, ptr noalias %results, ptr noalias %histories, "
+    "ptr %next_block, i64 %stride, i64 %blocks"
+)
+"""Its arguments. Arguments, results and histories have the runs last, `stride` of them; signals have the blocks first, and in each
+the lanes last. Threads take blocks from one counter."""
+
+LINE_OF_CACHE = 64
+"""Bytes of a line of a processor's cache. Registers that are spilled begin with one: by themselves they would be where a thread's
+stack happens to begin, and three times in four each load and store of one would touch two lines."""
+
+LARGEST_STACK = 1 << 17
+"""Numbers of histories that may be on a thread's stack: a megabyte."""
+
+
+@dataclass(frozen=True)
+class Kernel:
+    """A function of many runs as text, and what goes with it.
+
+    Parameters
+    ----------
+    text : str
+        For LLVM.
+    width : int
+        Runs in a block.
+    shared : ndarray
+        Numbers that all runs share.
+    outputs : tuple of History or shape
+        Where each output is: a history, or rows of the results one after the other.
+    taken, rows, histories : int
+        Rows of the arguments, of the results, and of the buffer of histories.
+    arrays : dict of bytes to int
+        Where each long array begins among the shared numbers.
+    """
+
+    text: str
+    width: int
+    shared: np.ndarray
+    outputs: tuple[History | tuple[int, ...], ...]
+    taken: int
+    rows: int
+    histories: int
+    arrays: dict[bytes, int]
+
+    def with_array(self, old: np.ndarray, new: np.ndarray) -> Kernel:
+        """Put another array of the same shape in the place of the only long one.
+
+        Parameters
+        ----------
+        old, new : ndarray
+            The arrays.
+
+        Returns
+        -------
+        Kernel
+            With the same text.
+        """
+        [(held, first)] = self.arrays.items()
+        assert held == old.tobytes(), "the array is in the table as it is"
+        shared = self.shared.copy()
+        shared[first : first + new.size] = new.reshape(-1)
+        return replace(self, shared=shared)
+
+
+def kernel(function: Function, width: int, foreign: Sequence[Any] = ()) -> Kernel:
+    """Write a function of one run as one of many.
+
+    Parameters
+    ----------
+    function : Function
+        Of the numbers of one run and, where runs have them, of its signals (time, signal, 1).
+    width : int
+        Runs in a block.
+    foreign : sequence of Var
+        Results in it that somebody else computes: further arguments.
+
+    Returns
+    -------
+    Kernel
+        The text, and what goes with it.
+
+    Raises
+    ------
+    UntranslatableError
+        If something in it has no vector code.
+    """
+    code = VectorCode(width)
+    translator = Translator(code)
+    theta, *signals = (v.aval for v in function.invars)
+    outputs: list[History | tuple[int, ...]] = []
+    taken, written = 0, 0
+    with code.shared_loop("%next_block", "%blocks") as block:
+        column = code.whole("mul", block, width)
+        beginning = len(code.lines)
+
+        def row(base: str, number: int) -> str:
+            return code.address(base, code.whole("add", code.whole("mul", "%stride", number), column))
+
+        arguments: list[Value] = []
+        for aval in (theta, *(v.aval for v in foreign)):
+            if math.prod(aval.shape) > LARGEST_ROW:
+                arguments.append(_in_memory(code, aval.shape, taken, column, translator.shared.length))
+                taken += math.prod(aval.shape)
+                continue
+            numbers = np.empty(aval.shape, dtype=object)
+            for place in np.ndindex(aval.shape):
+                number: Number = code.load(row("%arguments", taken), lanes=True)
+                if aval.dtype == np.bool_:
+                    number = code.operation("fcmp une", [number, 0.0], result="i1")
+                numbers[place], taken = number, taken + 1
+            arguments.append(numbers)
+        own: list[Value] = [arguments[0], *(History(SIGNALS, aval.shape) for aval in signals)]
+        for value in translator.function(function, own, dict(zip(foreign, arguments[1:], strict=True))):
+            if isinstance(value, History) and value.number != SIGNALS:
+                outputs.append(value)
+                continue
+            numbers = translator.numbers(value)
+            for number in numbers.reshape(-1):
+                if isinstance(number, Register) and number.kind == "i1":
+                    number = code.cast("uitofp", number, "double")
+                code.store(number, row("%results", written), lanes=True)
+                written += 1
+            outputs.append(numbers.shape)
+        memory = _Memory(translator, {output.number for output in outputs if isinstance(output, History)})
+        signals_of_a_run = sum(math.prod(aval.shape) for aval in signals)
+        code.lines[beginning:beginning] = memory.of_block(block, column, signals_of_a_run)
+    places = memory.entry  # what it loads comes before it
+    body = "\n".join([*code.entry, *places, *code.lines])
+    text = f"define void @{ENTRY}({SIGNATURE}) nounwind alignstack({LINE_OF_CACHE}) {{\n{body}\n  ret void\n}}\n"
+    found = tuple(memory.in_buffer(output) if isinstance(output, History) else output for output in outputs)
+    shared = translator.shared
+    return Kernel(text, width, shared.values, found, taken, written, memory.rows, shared.arrays)
+
+
+def _in_memory(
+    code: VectorCode, shape: tuple[int, ...], first: int, column: str, length: Callable[[int], str]
+) -> InMemory:
+    """Copy rows of the arguments into memory of this thread, where they lie close together."""
+    size = math.prod(shape)
+    place = code.slot(lanes=True, count=size)
+    with code.loop(length(size)) as at:
+        row = code.whole("mul", "%stride", code.whole("add", at, first))
+        number = code.load(code.address("%arguments", code.whole("add", row, column)), lanes=True)
+        code.store(number, code.address(place, at, lanes=True), lanes=True)
+    return InMemory(place, shape)
+
+
+class _Memory:
+    """Where histories are: those that are returned, in a buffer; the others, on the stack of the thread that works on a block.
+
+    Parameters
+    ----------
+    translator : Translator
+        That made them.
+    returned : set of int
+        Numbers of those that are returned.
+    """
+
+    def __init__(self, translator: Translator, returned: set[int]) -> None:
+        self._translator, self.rows = translator, 0
+        self._first: dict[int, int] = {}
+        on_stack = 0
+        for number, rows in enumerate(translator.kept):
+            on_stack += 0 if number in returned else rows
+            if number in returned or on_stack * translator.code.width > LARGEST_STACK:
+                self._first[number] = self.rows
+                self.rows += rows
+
+    @property
+    def entry(self) -> list[str]:
+        """Text at the beginning: base and distance of the rows of every history."""
+        code, lines = self._translator.code, [f"  %each_signal = add i64 {self._translator.code.width}, 0"]
+        for number, rows in enumerate(self._translator.kept):
+            if number in self._first:
+                lines.append(f"  %kept{number} = getelementptr double, ptr %histories, i64 0")
+                lines.append(f"  %each{number} = add i64 %stride, 0")
+            else:
+                size = self._translator.shared.length(rows)
+                lines.append(f"  %kept{number} = alloca {code.type_of('double', True)}, i64 {size}, align 64")
+                lines.append(f"  %each{number} = add i64 {code.width}, 0")
+        return lines
+
+    def of_block(self, block: str, column: str, signals: int) -> list[str]:
+        """Text at the beginning of a block: places of its first run."""
+        code, shared = self._translator.code, self._translator.shared
+        of_block = code.name("n")
+        lines = [f"  {of_block} = mul i64 {block}, {shared.length(signals)}"]
+        lines.append(f"  %across_signals = mul i64 {of_block}, {code.width}")
+        for number in range(len(self._translator.kept)):
+            first = self._first.get(number)
+            if first:
+                before = code.name("n")
+                lines.append(f"  {before} = mul i64 %stride, {shared.length(first)}")
+                lines.append(f"  %across{number} = add i64 {before}, {column}")
+            else:
+                lines.append(f"  %across{number} = add i64 {'0' if first is None else column}, 0")
+        return lines
+
+    def in_buffer(self, history: History) -> History:
+        """A returned history, with its rows in the buffer."""
+        return replace(history, first=history.first + self._first[history.number])

@@ -1,0 +1,163 @@
+"""What of a function JAX does first: operations before its loops that have no vector code, such as the modes of a matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import Literal
+
+from structid.engine.device import jnp
+from structid.engine.matrices.block_sparse import AXES
+from structid.engine.vector_code.operations import Function
+from structid.engine.vector_code.primitives import ARITHMETIC, ARRANGEMENT, REDUCTION, UntranslatableError
+from structid.engine.vector_code.translation import ALONG_HISTORIES
+from structid.engine.vector_code.values import MOVES
+
+LARGEST = 256
+"""Largest array of one run that vector code operates on number by number; products of larger ones are JAX's."""
+
+AT_ONCE = (8, 16, 32, 64, 256)
+"""Runs that JAX does in one call: few shapes are compiled, and matrices of more runs would not stay in the caches."""
+
+
+def foreign_results(function: Function) -> list[Any]:
+    """Find results of operations on a run's numbers that have no vector code.
+
+    Parameters
+    ----------
+    function : Function
+        The function.
+
+    Returns
+    -------
+    list of Var
+        Those that something with vector code, or the function's result, needs.
+
+    Raises
+    ------
+    UntranslatableError
+        If such an operation comes after a loop over time, or nothing in the function is one.
+    """
+    of_run: set[Any] = set(function.invars)
+    after_loop: set[Any] = set()
+    foreign: set[Any] = set()
+    signals, loops = set(function.invars[1:]), 0
+    for equation in function.eqns:
+        taken = [atom for atom in equation.invars if not isinstance(atom, Literal)]
+        if not of_run.intersection(taken):
+            continue
+        of_run.update(equation.outvars)
+        if signals.intersection(taken) and equation.primitive.name in MOVES:
+            signals.update(equation.outvars)
+            continue
+        if equation.primitive.name == "scan":
+            loops += 1
+            after_loop.update(equation.outvars)
+            continue
+        if after_loop.intersection(taken):
+            after_loop.update(equation.outvars)
+            name = equation.primitive.name
+            if _is_foreign(equation, of_run) and name not in (*MOVES, *ALONG_HISTORIES, "reduce_sum"):
+                raise UntranslatableError(f"'{name}' after the loop over time")
+        elif _is_foreign(equation, of_run):
+            if signals.intersection(taken):
+                raise UntranslatableError(f"'{equation.primitive.name}' of signals")
+            foreign.update(equation.outvars)
+    if not loops:
+        raise UntranslatableError("no loop over time")
+    return _needed(function, foreign)
+
+
+def _is_foreign(equation: Any, of_run: set[Any]) -> bool:
+    name = equation.primitive.name
+    if equation.primitive in AXES or (name == "while" and _has_code(equation)):
+        return False
+    sizes = [int(np.prod(v.aval.shape)) for v in (*equation.invars, *equation.outvars)]
+    if name == "gather":
+        return equation.invars[1] in of_run or max(sizes) > LARGEST
+    return (name not in ARITHMETIC and name not in ARRANGEMENT and name not in REDUCTION) or max(sizes) > LARGEST
+
+
+def _has_code(loop: Any) -> bool:
+    """Whether every operation of a loop of iterations has vector code."""
+    known = {*ARITHMETIC, *ARRANGEMENT, *REDUCTION, *MOVES, "scan", "while", "gather"}
+    inside = [e for part in ("cond_jaxpr", "body_jaxpr") for e in Function.inlined(loop.params[part]).eqns]
+    return all(
+        e.primitive in AXES or (_has_code(e) if e.primitive.name == "while" else e.primitive.name in known)
+        for e in inside
+    )
+
+
+def _needed(function: Function, foreign: set[Any]) -> list[Any]:
+    """Foreign results that others than foreign operations use."""
+    needed = {atom for atom in function.outvars if not isinstance(atom, Literal)}
+    for equation in function.eqns:
+        if not foreign.intersection(equation.outvars):
+            needed.update(atom for atom in equation.invars if not isinstance(atom, Literal))
+    return [v for e in function.eqns for v in e.outvars if v in foreign and v in needed]
+
+
+def by_jax(function: Function, results: Sequence[Any]) -> Callable[[Any], Any]:
+    """Give what leads to some results of a function of one run, for many, inside JAX.
+
+    Parameters
+    ----------
+    function : Function
+        Of θ, shape (1, parameter).
+    results : sequence of Var
+        What is wanted.
+
+    Returns
+    -------
+    callable
+        From θ (run, parameter) to the numbers of all results, shape (number, run).
+    """
+    wanted, steps = set(results), []
+    for equation in reversed(function.eqns):
+        if wanted.intersection(equation.outvars):
+            steps.append(equation)
+            wanted.update(atom for atom in equation.invars if not isinstance(atom, Literal))
+    steps.reverse()
+
+    def of_one_run(theta: Any) -> Any:
+        known = dict(zip([*function.constvars, function.invars[0]], [*function.consts, theta[None]], strict=True))
+        for equation in steps:
+            taken = [atom.val if isinstance(atom, Literal) else known[atom] for atom in equation.invars]
+            made = equation.primitive.bind(*taken, **equation.params)
+            known.update(zip(equation.outvars, made if equation.primitive.multiple_results else [made], strict=True))
+        return jnp.concatenate([jnp.ravel(known[v]).astype(float) for v in results])
+
+    of_runs: Callable[[Any], Any] = jax.vmap(of_one_run, out_axes=1)
+    return of_runs
+
+
+def in_few_sizes(function: Callable[[Any], Any]) -> Callable[[np.ndarray], np.ndarray]:
+    """Compile a function of many runs, so that few shapes are compiled.
+
+    Parameters
+    ----------
+    function : callable
+        Inside JAX, from θ (run, parameter) to numbers (number, run).
+
+    Returns
+    -------
+    callable
+        The same of NumPy arrays, for any number of runs.
+    """
+    compiled = jax.jit(function)
+
+    def of_rows(theta: np.ndarray) -> np.ndarray:
+        parts, first = [], 0
+        while first < len(theta):
+            left = len(theta) - first
+            size = next((size for size in AT_ONCE if size >= left), AT_ONCE[-1])
+            rows = theta[first : first + size]
+            padded = np.concatenate([rows, np.repeat(rows[-1:], size - len(rows), axis=0)])
+            parts.append(np.asarray(compiled(padded))[:, : len(rows)])
+            first += size
+        return np.concatenate(parts, axis=1)
+
+    return of_rows

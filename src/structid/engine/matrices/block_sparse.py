@@ -1,0 +1,202 @@
+"""Sparse products and solutions of each run, with the same places for all runs: in lanes, loops over these places.
+
+JAX has dense products and LAPACK for them; a loop in lanes would write these out, zeros and all. So what is traced for lanes
+(`row_by_row`) asks for the two operations below, which only a translator knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+from jax.extend.core import Primitive
+from jax.interpreters import ad, batching
+
+from structid.engine.device import jnp
+from structid.engine.matrices.elimination import Elimination, elimination
+from structid.engine.matrices.row_by_row import in_rows
+
+
+@dataclass(frozen=True, eq=False)
+class SparseMatrix:
+    """A matrix that all runs share.
+
+    Parameters
+    ----------
+    dense : ndarray, shape (row, column)
+        With its zeros.
+    """
+
+    dense: np.ndarray = field(repr=False)
+
+    def times(self, x: Any) -> Any:
+        """Compute A x, inside JAX.
+
+        Parameters
+        ----------
+        x : array, shape (column, run)
+            Of each run its own.
+
+        Returns
+        -------
+        jax.Array, shape (row, run)
+            The product.
+        """
+        return sparse_times.bind(x, matrix=self) if in_rows() else jnp.asarray(self.dense) @ x
+
+
+@dataclass(frozen=True, eq=False)
+class BlockPattern:
+    """Places of the 2 × 2 blocks of a square matrix that may not be zero.
+
+    Parameters
+    ----------
+    rows, columns : ndarray of int, shape (block,)
+        Where they are. The diagonal is among them, and with (i, j) also (j, i).
+    size : int
+        Number of rows of blocks.
+    """
+
+    rows: np.ndarray = field(repr=False)
+    columns: np.ndarray = field(repr=False)
+    size: int
+
+    @classmethod
+    def of(cls, touching: np.ndarray) -> BlockPattern:
+        """Take the pattern of a matrix of truths.
+
+        Parameters
+        ----------
+        touching : ndarray of bool, shape (size, size)
+            Symmetric.
+
+        Returns
+        -------
+        BlockPattern
+            With its diagonal.
+        """
+        rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
+        return cls(rows, columns, len(touching))
+
+    def dense(self, blocks: Any) -> Any:
+        """Write a matrix out, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            Its blocks.
+
+        Returns
+        -------
+        jax.Array, shape (run, 2 size, 2 size)
+            The matrix.
+        """
+        runs = blocks.shape[-1]
+        zeros = jnp.zeros((self.size, self.size, 2, 2, runs))
+        placed = zeros.at[self.rows, self.columns].set(blocks)
+        return placed.transpose(4, 0, 2, 1, 3).reshape(runs, 2 * self.size, 2 * self.size)
+
+    def times(self, blocks: Any, x: Any) -> Any:
+        """Compute A x, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            A.
+        x : array, shape (2 size, run)
+            Of each run its own.
+
+        Returns
+        -------
+        jax.Array, shape (2 size, run)
+            The product.
+        """
+        if in_rows():
+            return block_times.bind(blocks, x, pattern=self)
+        return self._times_densely(blocks, x)
+
+    def _times_densely(self, blocks: Any, x: Any) -> Any:
+        return jnp.einsum("rij,jr->ir", self.dense(blocks), x)
+
+    def solve_one_plus(self, blocks: Any, diagonal: Any, right: Any) -> Any:
+        """Solve (I + A D) x = b, inside JAX.
+
+        Parameters
+        ----------
+        blocks : array, shape (block, 2, 2, run)
+            A.
+        diagonal : array, shape (size, 2, 2, run)
+            Blocks of D on its diagonal.
+        right : array, shape (2 size, run)
+            b.
+
+        Returns
+        -------
+        jax.Array, shape (2 size, run)
+            x. In lanes without pivoting: the matrix must be one that needs none.
+        """
+        if in_rows():
+            return block_solve.bind(blocks, diagonal, right, pattern=self)
+        return self._solve_densely(blocks, diagonal, right)
+
+    def _solve_densely(self, blocks: Any, diagonal: Any, right: Any) -> Any:
+        product = self.dense(jnp.einsum("bijr,bjkr->bikr", blocks, diagonal[self.columns]))
+        return jnp.linalg.solve(jnp.eye(2 * self.size) + product, right.T[:, :, None])[:, :, 0].T
+
+    @cached_property
+    def plan(self) -> Elimination:
+        """How the matrix is eliminated."""
+        return elimination(self.rows, self.columns, self.size)
+
+
+# --- primitives -----------------------------------------------------------------------------------------------------
+
+sparse_times, block_times, block_solve = (Primitive(name) for name in ("sparse_times", "block_times", "block_solve"))
+
+AXES = {sparse_times: (2,), block_times: (4, 2), block_solve: (4, 4, 2)}
+"""Axes of what each takes, for one direction. With one axis more, first, it takes an array for each of several directions, along
+which something is differentiated."""
+
+
+def _define(primitive: Any, rows_of: Callable[..., int]) -> None:
+    """Tell JAX shapes, and what becomes of several directions."""
+
+    def shape(*arrays: Any, **parameters: Any) -> Any:
+        leading = [a.shape[0] for a, axes in zip(arrays, AXES[primitive], strict=True) if len(a.shape) > axes]
+        return jax.core.ShapedArray((*leading[:1], rows_of(**parameters), arrays[-1].shape[-1]), arrays[-1].dtype)
+
+    def directions(arrays: Any, axes: Any, **parameters: Any) -> tuple[Any, int]:
+        first = [a if axis is None else jnp.moveaxis(a, axis, 0) for a, axis in zip(arrays, axes, strict=True)]
+        return primitive.bind(*first, **parameters), 0
+
+    primitive.def_abstract_eval(shape)
+    batching.primitive_batchers[primitive] = directions
+
+
+# Of numbers that are known when code is written.
+sparse_times.def_impl(lambda x, matrix: jnp.asarray(matrix.dense) @ x)
+block_times.def_impl(lambda blocks, x, pattern: pattern._times_densely(blocks, x))
+block_solve.def_impl(lambda blocks, diagonal, right, pattern: pattern._solve_densely(blocks, diagonal, right))
+
+_define(sparse_times, lambda matrix: len(matrix.dense))
+_define(block_times, lambda pattern: 2 * pattern.size)
+_define(block_solve, lambda pattern: 2 * pattern.size)
+
+
+def _each_slope(primitive: Any) -> Callable[..., Any]:
+    """Derivative of an operation that is linear in each of what it takes."""
+
+    def slope(place: int) -> Callable[..., Any]:
+        return lambda tangent, *arrays, **parameters: primitive.bind(
+            *arrays[:place], tangent, *arrays[place + 1 :], **parameters
+        )
+
+    return slope
+
+
+for _operation in (sparse_times, block_times):
+    ad.defjvp(_operation, *map(_each_slope(_operation), range(len(AXES[_operation]))))

@@ -1,0 +1,98 @@
+"""Products with large matrices that all runs share: in lanes, row by row."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Callable, Iterator
+from contextvars import ContextVar
+from typing import Any
+
+from jax import lax
+
+from structid.engine.device import jnp
+
+_row_by_row = ContextVar("row by row", default=False)
+
+
+@contextlib.contextmanager
+def row_by_row() -> Iterator[None]:
+    """Let products that are traced here be loops over rows."""
+    token = _row_by_row.set(True)
+    try:
+        yield
+    finally:
+        _row_by_row.reset(token)
+
+
+def in_rows() -> bool:
+    """Say whether what is traced now is traced for lanes.
+
+    Returns
+    -------
+    bool
+        True within `row_by_row`.
+    """
+    return _row_by_row.get()
+
+
+COLUMNS = 6
+"""Columns of a matrix that a loop over its rows multiplies at once: their sums stay in registers."""
+
+
+def product(values: Any, matrix: Any) -> Any:
+    """Compute X B, inside JAX.
+
+    Parameters
+    ----------
+    values : array, shape (run, row)
+        X, of each run its own.
+    matrix : array, shape (row, column)
+        B.
+
+    Returns
+    -------
+    jax.Array, shape (run, column)
+        X B.
+    """
+    if matrix.shape[0] == 1:
+        return values * matrix
+    return _by_rows(values.T, matrix) if _row_by_row.get() else values @ matrix
+
+
+def product_of(columns_of: Callable[[Any], Any], rows: Any, matrix: Any) -> Any:
+    """Compute X B, where a function gives the columns of X that belong to some rows of B, inside JAX.
+
+    Parameters
+    ----------
+    columns_of : callable
+        ``columns_of(rows)``: X, shape (run, row).
+    rows : array, shape (row, …)
+        What the function takes.
+    matrix : array, shape (row, column)
+        B.
+
+    Returns
+    -------
+    jax.Array, shape (run, column)
+        X B.
+    """
+    if not _row_by_row.get():
+        return columns_of(rows) @ matrix
+    _, columns = lax.scan(lambda _, row: (None, columns_of(row[None])[:, 0]), None, rows)
+    return _by_rows(columns, matrix)
+
+
+def _by_rows(columns: Any, matrix: Any) -> Any:
+    """X B from the columns of X, (row, run)."""
+    (rows, count), runs = matrix.shape, columns.shape[1]
+    padded = jnp.pad(matrix, ((0, 0), (0, -count % COLUMNS)))
+    blocks = padded.reshape(rows, -1, COLUMNS).transpose(1, 0, 2)
+
+    def step(total: Any, row: tuple[Any, Any]) -> tuple[Any, None]:
+        return total + row[0][:, None] * row[1], None
+
+    def of_block(_: None, block: Any) -> tuple[None, Any]:
+        return None, lax.scan(step, jnp.zeros((runs, COLUMNS)), (columns, block))[0]
+
+    _, sums = lax.scan(of_block, None, blocks)
+    return sums.transpose(1, 0, 2).reshape(runs, -1)[:, :count]

@@ -1,0 +1,36 @@
+"""A function of the parameters of many runs with its derivatives along each of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+
+from structid.engine.device import jnp
+
+
+def with_slopes(function: Callable[[Any], Any], parameters: Any) -> tuple[Any, Any]:
+    """Call a function of the parameters of many runs, and differentiate it along each of them; the value is computed once.
+
+    Forward, since parameters are few and histories long.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(parameters)``: a tree of arrays, each run on its own.
+    parameters : array, shape (run, parameter)
+        Where.
+
+    Returns
+    -------
+    tuple of tree of arrays
+        What it returns, and its slopes, with the parameters first.
+    """
+
+    def along(direction: Any) -> tuple[Any, Any]:
+        found: tuple[Any, Any] = jax.jvp(function, (parameters,), (jnp.broadcast_to(direction, parameters.shape),))
+        return found
+
+    found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(jnp.eye(parameters.shape[1]))
+    return found

@@ -1,0 +1,261 @@
+"""A loop over a record, said once: run to histories, or folded into a few sums on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax import lax
+
+from structid.engine.device import jnp
+from structid.engine.slopes import with_slopes
+
+State = Any
+"""A tree of arrays with the runs last."""
+
+
+class Fold(NamedTuple):
+    """What becomes of a history, sample by sample, where the history itself is not needed.
+
+    Parameters
+    ----------
+    start : tree of arrays
+        Before the first sample.
+    step : callable
+        ``step(sums, sample) -> sums``.
+    value : callable
+        ``value(sums)``: what is wanted in the end.
+    """
+
+    start: Any
+    step: Callable[[Any, Any], Any]
+    value: Callable[[Any], Any]
+
+    def of(self, series: Any) -> Any:
+        """Fold a history that is there.
+
+        Parameters
+        ----------
+        series : tree of arrays, shape (time, …)
+            Its samples.
+
+        Returns
+        -------
+        Any
+            The value.
+        """
+        sums, _ = lax.scan(lambda sums, sample: (self.step(sums, sample), None), self.start, series)
+        return self.value(sums)
+
+
+def sum_of_squares(nothing: Any) -> Fold:
+    """Fold samples into Σ x².
+
+    Parameters
+    ----------
+    nothing : array
+        Zeros in the shape of a sample.
+
+    Returns
+    -------
+    Fold
+        Of that shape.
+    """
+    return Fold(nothing, lambda sums, sample: sums + sample**2, lambda sums: sums)
+
+
+def side_by_side(folds: Sequence[Fold]) -> Fold:
+    """Several folds of one history.
+
+    Parameters
+    ----------
+    folds : sequence of Fold
+        Each of samples of its own, which come as a tuple.
+
+    Returns
+    -------
+    Fold
+        With a tuple of their values.
+    """
+    return Fold(
+        tuple(fold.start for fold in folds),
+        lambda sums, samples: tuple(fold.step(s, x) for fold, s, x in zip(folds, sums, samples, strict=True)),
+        lambda sums: tuple(fold.value(s) for fold, s in zip(folds, sums, strict=True)),
+    )
+
+
+class TimeLoop(NamedTuple):
+    """A loop over the rows of a record, for many runs at once, inside JAX.
+
+    Parameters
+    ----------
+    start : tree of arrays
+        State before the first row, runs last.
+    step : callable
+        ``step(state, row) -> (state, seen)``, with what is seen of the row, (channel, run).
+    rows : tree of arrays, shape (time, …)
+        What every run takes alike.
+    lead_in : int
+        Number of rows at the beginning of which nothing is kept.
+    usable : callable
+        ``usable(state)``: which runs can be used, (run,), from the state after the last row.
+    unroll : int
+        Rows in one pass of the loop of XLA.
+    """
+
+    start: State
+    step: Callable[[State, Any], tuple[State, Any]]
+    rows: Any
+    lead_in: int
+    usable: Callable[[State], Any]
+    unroll: int = 1
+
+    def run(self) -> tuple[Any, Any]:
+        """Run to histories.
+
+        Returns
+        -------
+        tuple of jax.Array
+            What is seen (time, channel, run), and which runs can be used (run,).
+        """
+        state, rows = self._led_in()
+        state, seen = lax.scan(self.step, state, rows, unroll=self.unroll)
+        return seen, self.usable(state)
+
+    def folded(self, fold: Fold, beside: Any, make: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
+        """Run, and fold what is seen on the way; no history is kept.
+
+        Parameters
+        ----------
+        fold : Fold
+            What becomes of the samples.
+        beside : array, shape (time, …)
+            What is put beside what is seen, such as a measurement.
+        make : callable
+            ``make(seen, beside)``: the sample that is folded.
+
+        Returns
+        -------
+        tuple
+            The value of the fold, and which runs can be used (run,).
+        """
+
+        def step(carried: tuple[State, Any], row: tuple[Any, Any]) -> tuple[tuple[State, Any], None]:
+            state, seen = self.step(carried[0], row[0])
+            return (state, fold.step(carried[1], make(seen, row[1]))), None
+
+        state, rows = self._led_in()
+        (state, sums), _ = lax.scan(step, (state, fold.start), (rows, beside), unroll=self.unroll)
+        return fold.value(sums), self.usable(state)
+
+    def _led_in(self) -> tuple[State, Any]:
+        """State after the lead-in, and the rows that are left."""
+        if not self.lead_in:
+            return self.start, self.rows
+        first = jax.tree.map(lambda x: x[: self.lead_in], self.rows)
+        rest = jax.tree.map(lambda x: x[self.lead_in :], self.rows)
+        state, _ = lax.scan(lambda state, row: (self.step(state, row)[0], None), self.start, first)
+        return state, rest
+
+
+def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> TimeLoop:
+    """Differentiate a loop over time by its parameters, beside running it.
+
+    With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
+
+    Parameters
+    ----------
+    loop_of : callable
+        The loop of some parameters.
+    parameters : array, shape (parameter, run)
+        Where it is differentiated.
+
+    Returns
+    -------
+    TimeLoop
+        What is seen is a pair: what the loop sees, (channel, run), and its derivatives, (parameter, channel, run).
+    """
+    loop, directions = loop_of(parameters), jnp.eye(parameters.shape[0])
+    row = jax.tree.map(lambda x: x[0], loop.rows)
+    converted, _ = jax.closure_convert(loop.step, loop.start, row)
+
+    def constants(p: Any) -> tuple[Any, ...]:
+        """What a step takes of the parameters, such as frequencies of a matrix: worked out and differentiated before the loop."""
+        loop = loop_of(p)
+        return tuple(jax.closure_convert(loop.step, loop.start, row)[1])
+
+    def along_all(function: Callable[..., Any], *points_and_slopes: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Value of a function, and its derivatives along each parameter, from what it takes and the slopes of that."""
+        points, slopes = zip(*points_and_slopes, strict=True)
+
+        def along(*slope: Any) -> tuple[Any, Any]:
+            value: tuple[Any, Any] = jax.jvp(function, points, slope)
+            return value
+
+        found: tuple[Any, Any] = jax.vmap(along, out_axes=(None, 0))(*slopes)
+        return found
+
+    each = parameters, jnp.broadcast_to(directions[:, :, None], (*directions.shape, parameters.shape[1]))
+    start, beforehand = along_all(lambda p: loop_of(p).start, each), along_all(constants, each)
+
+    def step(carried: tuple[State, State], row: Any) -> tuple[tuple[State, State], tuple[Any, Any]]:
+        after, slopes = along_all(lambda state, taken: converted(state, row, *taken), carried, beforehand)
+        return (after[0], slopes[0]), (after[1], slopes[1])
+
+    return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
+
+
+def once_along_each(function: Callable[[Any], Any], parameters: Any) -> Any:
+    """Call a function of the parameters of many runs, and let its derivative be taken along each of them once.
+
+    A density may be differentiated along many more directions, such as those of the noise; the loop in the function does not
+    depend on these, and its sensitivities serve all of them.
+
+    Parameters
+    ----------
+    function : callable
+        ``function(parameters)``: a tree of arrays with the runs last. It may know nothing else that is differentiated.
+    parameters : array, shape (run, parameter)
+        Where.
+
+    Returns
+    -------
+    tree of arrays
+        What it returns.
+    """
+
+    def with_slope(primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+        value, slopes = with_slopes(function, primals[0])
+        return value, jax.tree.map(lambda x: _contracted(tangents[0], x), slopes)
+
+    found = jax.custom_jvp(function)
+    found.defjvp(with_slope)
+    return found(parameters)
+
+
+def _contracted(directions: Any, slopes: Any) -> Any:
+    """Slope along a direction of each run (run, parameter), from those along each parameter (parameter, …, run)."""
+    if slopes.dtype == jax.dtypes.float0:  # of truths
+        return np.zeros(slopes.shape[1:], dtype=jax.dtypes.float0)
+    weights = directions.T.reshape(slopes.shape[0], *[1] * (slopes.ndim - 2), slopes.shape[-1])
+    return (weights * slopes).sum(axis=0)
+
+
+def all_finite(state: State) -> Any:
+    """Which runs have a finite state.
+
+    Parameters
+    ----------
+    state : tree of arrays
+        Runs last.
+
+    Returns
+    -------
+    jax.Array of bool, shape (run,)
+        True where every part is.
+    """
+    parts = jax.tree.leaves(state)
+    # A sum is finite only if all its parts are, and takes one test.
+    return jnp.isfinite(sum(part.reshape(-1, part.shape[-1]).sum(axis=0) for part in parts))

@@ -1,0 +1,164 @@
+"""Exponential and logarithm on vectors of lanes, which LLVM would otherwise ask of the C library, one lane after the other.
+
+Both follow the usual way: reduce the argument exactly, sum a series of the small rest, put the exponent's bits together (e.g.
+J.-M. Muller, "Elementary Functions", 3rd ed., ch. 11).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+
+from structid.engine.vector_code.registers import Number, Register
+from structid.engine.vector_code.vector_code import FLAGS, VectorCode
+
+LOG_2_HIGH = float.fromhex("0x1.62e42fee00000p-1")
+LOG_2_LOW = float.fromhex("0x1.a39ef35793c76p-33")
+"""log 2 in two parts, the first with so few digits that its products with whole numbers up to 2048 are exact."""
+
+LARGEST_EXPONENT, SMALLEST_EXPONENT = 710.0, -707.0
+"""From the first on the exponential is infinite (a little before, too); at e⁷¹¹ the bits of 2ᵏ⁻¹ would run over their end. Below
+the second, at 1e-307, it is taken as zero."""
+
+TO_WHOLE = 1.5 * 2.0**52
+"""Added to a number of moderate size, it rounds it to a whole one, which then stands in the last bits."""
+
+TO_EXPONENT = TO_WHOLE + 1022.0
+"""The same, with the whole number k put so that its bits, moved to where an exponent's are, are those of 2ᵏ⁻¹."""
+
+SERIES_OF_EXPONENTIAL = (
+    1.0, 1.0, 0.5000000000000001, 0.16666666666666669, 0.041666666666624164, 0.008333333333330065, 0.0013888888917196719,
+    0.00019841269863040545, 2.4801521322368692e-05, 2.7557268480310024e-06, 2.7620075879983367e-07, 2.5100375832561234e-08,
+)  # fmt: skip
+"""Of eʳ on |r| ≤ ½ log 2, to 2e-17: 1 + r + r² p(r), with p through (eʳ − 1 − r)/r² at ten Chebyshev points."""
+
+MANTISSA, ONE = (1 << 52) - 1, 1023 << 52
+"""Bits of a float's mantissa, and those of 1.0."""
+
+SMALLEST_NORMAL = 2.0**-1022
+
+
+def exponential(code: VectorCode, x: Number) -> Number:
+    """Compute eˣ = 2ᵏ eʳ with |r| ≤ ½ log 2.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        eˣ to 4e-16 of itself; 0 below −707.
+    """
+    if not isinstance(x, Register):
+        return math.exp(x)
+    # A NaN stays one: where a comparison fails, the argument itself is taken.
+    low = code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), SMALLEST_EXPONENT, x)
+    held = code.select(_compare(code, "ogt", low, LARGEST_EXPONENT), LARGEST_EXPONENT, low)
+    # The difference has no flags: LLVM is not to see that the constant is added and taken away again.
+    shifted = code.call("fmuladd", [held, 1.0 / math.log(2.0), TO_EXPONENT])
+    k = code.operation("fsub", [shifted, TO_EXPONENT])
+    rest = _multiply_add(code, k, -LOG_2_LOW, _multiply_add(code, k, -LOG_2_HIGH, held))
+    # 2 eʳ times 2ᵏ⁻¹: the bits of 2¹⁰²⁴ would be infinity's.
+    twice = _polynomial(code, [2.0 * c for c in SERIES_OF_EXPONENTIAL], rest)
+    power_of_two = code.cast("bitcast", code.operation("shl", [_bits(code, shifted), 52], "i64"), "double")
+    found = code.operation(f"fmul {FLAGS}", [twice, power_of_two])
+    return code.select(_compare(code, "olt", x, SMALLEST_EXPONENT), 0.0, found)
+
+
+def logarithm(code: VectorCode, x: Number) -> Number:
+    """Compute log x = e log 2 + 2 atanh s with x = 2ᵉ m, √½ ≤ m < √2, s = (m − 1)/(m + 1).
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        log x to 4e-16 of itself; −∞ at 0, NaN below.
+    """
+    if not isinstance(x, Register):
+        return math.log(x) if x > 0 else -math.inf if x == 0 else math.nan
+    tiny = _compare(code, "olt", x, SMALLEST_NORMAL)
+    normal = code.select(tiny, code.operation(f"fmul {FLAGS}", [x, 2.0**54]), x)
+    bits = _bits(code, normal)
+    # The exponent's bits, put where those of 2⁵² have their mantissa, are a whole number.
+    raised = code.operation("or", [code.operation("lshr", [bits, 52], "i64"), _float_bits(2.0**52)], "i64")
+    exponent: Number = code.operation("fsub", [code.cast("bitcast", raised, "double"), 2.0**52 + 1023.0])
+    mantissa_bits = code.operation("or", [code.operation("and", [bits, MANTISSA], "i64"), ONE], "i64")
+    mantissa: Number = code.cast("bitcast", mantissa_bits, "double")
+    large = _compare(code, "ogt", mantissa, math.sqrt(2.0))
+    mantissa = code.select(large, code.operation(f"fmul {FLAGS}", [mantissa, 0.5]), mantissa)
+    exponent = code.select(large, code.operation(f"fadd {FLAGS}", [exponent, 1.0]), exponent)
+    exponent = code.select(tiny, code.operation(f"fsub {FLAGS}", [exponent, 54.0]), exponent)
+    f = code.operation(f"fsub {FLAGS}", [mantissa, 1.0])
+    s = code.operation("fdiv", [f, code.operation(f"fadd {FLAGS}", [f, 2.0])])
+    square = code.operation(f"fmul {FLAGS}", [s, s])
+    series = _polynomial(code, [2.0 / odd for odd in range(3, 25, 2)], square)
+    # 2 atanh s = 2s + s (s² series), and 2s = f − s f, of which f is exact.
+    atanh = _multiply_add(
+        code, s, code.operation(f"fsub {FLAGS}", [code.operation(f"fmul {FLAGS}", [square, series]), f]), f
+    )
+    found: Number = _multiply_add(code, exponent, LOG_2_HIGH, _multiply_add(code, exponent, LOG_2_LOW, atanh))
+    found = code.select(_compare(code, "oeq", x, math.inf), math.inf, found)
+    found = code.select(_compare(code, "oeq", x, 0.0), -math.inf, found)
+    return code.select(_compare(code, "uge", x, 0.0), code.select(_compare(code, "uno", x, x), x, found), math.nan)
+
+
+def logarithm_of_one_plus(code: VectorCode, x: Number) -> Number:
+    """Compute log(1 + x) = log u · x/(u − 1) with the rounded u = 1 + x, whose error the quotient takes back (W. Kahan).
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    x : Number
+        The argument.
+
+    Returns
+    -------
+    Number
+        log(1 + x), accurate for small x too.
+    """
+    if not isinstance(x, Register):
+        return math.log1p(x) if x > -1 else -math.inf if x == -1 else math.nan
+    u = code.operation("fadd", [x, 1.0])
+    lost = code.operation("fsub", [u, 1.0])
+    found: Number = code.operation(f"fmul {FLAGS}", [logarithm(code, u), code.operation("fdiv", [x, lost])])
+    found = code.select(_compare(code, "oeq", u, math.inf), math.inf, found)
+    return code.select(_compare(code, "oeq", lost, 0.0), x, found)
+
+
+def _compare(code: VectorCode, words: str, a: Number, b: Number) -> Register:
+    return code.operation(f"fcmp {words}", [a, b], result="i1")
+
+
+def _multiply_add(code: VectorCode, a: Number, b: Number, c: Number) -> Register:
+    """A b + c, in one operation where the machine has one."""
+    return code.operation(f"fadd {FLAGS}", [code.operation(f"fmul {FLAGS}", [a, b]), c])
+
+
+def _polynomial(code: VectorCode, coefficients: Sequence[Number], x: Number) -> Number:
+    """Σ cᵢ xⁱ by Estrin's scheme: neighbours are joined until one is left, so that few operations wait for each other."""
+    while len(coefficients) > 1:
+        pairs = [coefficients[i : i + 2] for i in range(0, len(coefficients), 2)]
+        coefficients = [_multiply_add(code, pair[1], x, pair[0]) if len(pair) == 2 else pair[0] for pair in pairs]
+        x = code.operation(f"fmul {FLAGS}", [x, x])
+    return coefficients[0]
+
+
+def _bits(code: VectorCode, number: Number) -> Register:
+    assert isinstance(number, Register)
+    return code.cast("bitcast", number, "i64")
+
+
+def _float_bits(number: float) -> int:
+    return int(struct.unpack(">q", struct.pack(">d", number))[0])

@@ -1,0 +1,106 @@
+"""Numbers in memory while a loop runs: those that change from pass to pass, and small tables."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.engine.vector_code.primitives import Array
+from structid.engine.vector_code.registers import Number, Register
+from structid.engine.vector_code.values import array_of
+from structid.engine.vector_code.vector_code import VectorCode
+
+
+class Slots:
+    """An array of numbers that changes from pass to pass of a loop, each lane with its own.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    start : ndarray of Number
+        Before the first pass.
+    """
+
+    def __init__(self, code: VectorCode, start: Array) -> None:
+        self._code, self._shape = code, start.shape
+        self._kinds = [kind_of(number) for number in start.reshape(-1)]
+        self._places = [code.slot(lanes=True, kind=kind) for kind in self._kinds]
+        self.write(start)
+
+    def read(self) -> Array:
+        """Load the numbers.
+
+        Returns
+        -------
+        ndarray of Number
+            As they are now.
+        """
+        found = [self._code.load(p, lanes=True, kind=k) for p, k in zip(self._places, self._kinds, strict=True)]
+        return array_of(found, self._shape)
+
+    def write(self, numbers: Array) -> None:
+        """Store the numbers.
+
+        Parameters
+        ----------
+        numbers : ndarray of Number
+            As they shall be.
+        """
+        for number, place, kind in zip(numbers.reshape(-1), self._places, self._kinds, strict=True):
+            self._code.store(number, place, lanes=True, kind=kind)
+
+
+def kind_of(number: Number) -> str:
+    """Say what a number is.
+
+    Parameters
+    ----------
+    number : Number
+        The number.
+
+    Returns
+    -------
+    str
+        ``double`` or ``i1``.
+    """
+    if isinstance(number, Register):
+        return number.kind
+    return "i1" if isinstance(number, (bool, np.bool_)) else "double"
+
+
+class Table:
+    """A small array of registers whose rows a loop takes one after the other, kept in memory.
+
+    Parameters
+    ----------
+    code : VectorCode
+        Where it is written.
+    numbers : ndarray of Number
+        The array, its first axis that of the loop.
+    """
+
+    def __init__(self, code: VectorCode, numbers: Array) -> None:
+        self._code, self._shape = code, numbers.shape[1:]
+        flat = numbers.reshape(-1)
+        self._lanes = any(isinstance(n, Register) and n.lanes for n in flat)
+        self._place = code.slot(self._lanes, len(flat))
+        for index, number in enumerate(flat):
+            code.store(number, code.address(self._place, index, self._lanes), self._lanes)
+
+    def row(self, at: str) -> Array:
+        """Load one row.
+
+        Parameters
+        ----------
+        at : str
+            Name of its number.
+
+        Returns
+        -------
+        ndarray of Number
+            The row.
+        """
+        code, count = self._code, int(np.prod(self._shape))
+        first = code.whole("mul", at, count)
+        places = [code.address(self._place, code.whole("add", first, i), self._lanes) for i in range(count)]
+        return array_of([code.load(place, self._lanes) for place in places], self._shape)

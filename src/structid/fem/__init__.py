@@ -1,1 +1,0 @@
-"""Finite elements of masonry: blocks, mortar joints, a loading beam."""

@@ -1,0 +1,336 @@
+"""Commands that make up for a transfer system that follows late.
+
+Sources: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for the polynomial; Y. Chae,
+K. Kazemibidokhti & J. M. Ricles (2013, Earthq. Eng. Struct. Dyn. 42, 1697) for the adaptive time series, which is repaired here as
+`AdaptiveTimeSeries` says.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+import scipy
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+
+CUBIC_SLOPE, CUBIC_CURVATURE = np.array([11.0, -18.0, 9.0, -2.0]) / 6.0, np.array([2.0, -5.0, 4.0, -1.0])
+"""Derivatives, at its last point, of the cubic through four points with a distance of one, the last one first."""
+
+
+class Compensator(ABC):
+    """Compensation of one test, in progress: it remembers what went before."""
+
+    @abstractmethod
+    def commands(self, targets: np.ndarray) -> np.ndarray:
+        """Turn where the specimen should be into what is sent to the actuators.
+
+        Parameters
+        ----------
+        targets : ndarray, shape (sample, channel)
+            u, one value a controller step [m].
+
+        Returns
+        -------
+        ndarray, shape (sample, channel)
+            c [m].
+        """
+
+    def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:  # noqa: B027 - most do not look back
+        """Learn from what became of commands.
+
+        Parameters
+        ----------
+        commands, measured : ndarray, shape (sample, channel)
+            c that was sent, and u_m at the end of the same controller steps [m].
+        """
+
+
+class Compensation(ABC):
+    """A way to compensate; what a test is given.
+
+    Attributes
+    ----------
+    learns : bool
+        Whether it needs the measured displacement of every controller step, which only a continuous motion has.
+    """
+
+    learns: bool = False
+
+    @abstractmethod
+    def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
+        """Start for a test.
+
+        Parameters
+        ----------
+        channels : int
+            Of the specimen.
+        controller_step : float
+            T_c [s] of wall time.
+        time_scale : float
+            λ.
+
+        Returns
+        -------
+        Compensator
+            That has seen nothing yet.
+        """
+
+    @abstractmethod
+    def gain(self, omega: float, delay: float) -> complex:
+        """By what it multiplies a harmonic motion, c over u.
+
+        With a transfer system that is late by τ the loop multiplies the specimen's force by G = gain · e^(−iωτ), which adds
+        Δζ ≈ p Im G/2 to the damping of a mode of which the specimen has the share p.
+
+        Parameters
+        ----------
+        omega : float
+            ω in wall time [rad/s].
+        delay : float
+            τ of the transfer system [s], which an adaptive compensation finds.
+
+        Returns
+        -------
+        complex
+            The gain.
+        """
+
+
+@check_arguments
+@dataclass(frozen=True)
+class PolynomialExtrapolation(Compensation):
+    """A polynomial through where the specimen should have been, a delay ahead: c(t) = Σ_i a_i u(t − i τ), i = 0 … n.
+
+    a_i = (−1)^i C(n+1, i+1), for n = 3: 4, −6, 4, −1. The loop then has G = 1 − (1 − e^(−iθ))^(n+1), which adds damping up to
+    θ = π/2 for n = 3 and π/3 for n = 2, and takes some for n = 0 and 1. Noise grows by √Σ a_i², 8.3 for n = 3.
+
+    Parameters
+    ----------
+    delay : float
+        τ [s] of wall time.
+    order : int
+        n, from 0 to 5.
+
+    Examples
+    --------
+    >>> PolynomialExtrapolation(delay=0.017).weights.tolist()
+    [4.0, -6.0, 4.0, -1.0]
+    """
+
+    delay: float
+    order: int = 3
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.delay) and self.delay > 0.0):
+            raise InputError("PolynomialExtrapolation.delay", f"{self.delay!r}", "a positive time in seconds")
+        if self.order not in range(6):
+            raise InputError("PolynomialExtrapolation.order", f"{self.order!r}", "a whole number from 0 to 5")
+
+    @property
+    def weights(self) -> np.ndarray:
+        """a_i, shape (n + 1,)."""
+        return np.array([(-1.0) ** i * comb(self.order + 1, i + 1) for i in range(self.order + 1)])
+
+    def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
+        """Start for a test; see `Compensation.begin`.
+
+        Parameters
+        ----------
+        channels : int
+            Of the specimen.
+        controller_step, time_scale : float
+            T_c [s], λ.
+
+        Returns
+        -------
+        Compensator
+            That has been at zero for ever.
+        """
+        return _Extrapolator(self.weights, self.delay / controller_step, channels)
+
+    def gain(self, omega: float, delay: float) -> complex:
+        """Give Σ_k a_k e^(−ikωτ′), with the delay τ′ that it was made for; see `Compensation.gain`.
+
+        Parameters
+        ----------
+        omega, delay : float
+            ω [rad/s], τ [s].
+
+        Returns
+        -------
+        complex
+            The gain.
+        """
+        turns = np.exp(-1j * omega * self.delay * np.arange(self.order + 1))
+        return complex(self.weights @ turns)
+
+
+class _Extrapolator(Compensator):
+    """Σ a_i u(t − i τ)."""
+
+    def __init__(self, weights: np.ndarray, spacing: float, channels: int) -> None:
+        self.weights, self.past = weights, _Past(spacing * np.arange(len(weights)), channels)
+
+    def commands(self, targets: np.ndarray) -> np.ndarray:
+        """Extrapolate; see `Compensator.commands`."""
+        return np.asarray(np.einsum("i,tic->tc", self.weights, self.past.before(targets)))
+
+
+class _Past:
+    """Targets of before, at zero for ever before the first; a straight line between two controller steps."""
+
+    def __init__(self, lags: np.ndarray, channels: int) -> None:
+        self.lags, self.kept = lags, np.zeros((int(np.ceil(lags[-1])) + 2, channels))
+
+    def before(self, targets: np.ndarray) -> np.ndarray:
+        """Where they were `lags` controller steps before each of the new ones, shape (sample, lag, channel)."""
+        first = len(self.kept)
+        history = np.concatenate([self.kept, targets])
+        self.kept = history[len(targets) :]
+        places = first + np.arange(len(targets))[:, None] - self.lags
+        low = np.floor(places).astype(int)
+        share = (places - low)[..., None]
+        return np.asarray((1.0 - share) * history[low] + share * history[np.minimum(low + 1, len(history) - 1)])
+
+
+@check_arguments
+@dataclass(frozen=True)
+class AdaptiveTimeSeries(Compensation):
+    """A Taylor series whose coefficients are learnt while the test runs: c = a₀ u + a₁ u′ + ½ a₁² u″.
+
+    a₀ and a₁ are the least squares of past commands on measured displacements and their rates in a moving window. The raw form is
+    ruined by noise: 5 µm at λ = 10 turn 29 ms into 5. So commands and measurements pass the same causal Butterworth filter, whose
+    delay cancels, the second coefficient is tied to the first, and windows and filters are in *simulated* time. u′ and u″ are those
+    of the cubic through four values a measured delay apart: differences of controller steps would make spikes of the small jumps
+    with which a coupling ends a coarse step.
+
+    Parameters
+    ----------
+    delay : float
+        Measured delay with which it begins [s] of wall time.
+    window : float
+        Length of the window [s] of simulated time.
+    cutoff : float
+        Of the filter [Hz] of simulated time.
+    amplitudes : tuple of float
+        Range of a₀.
+    """
+
+    delay: float
+    window: float = 0.5
+    cutoff: float = 20.0
+    amplitudes: tuple[float, float] = (0.7, 1.3)
+
+    learns = True
+
+    def __post_init__(self) -> None:
+        for name in ("delay", "window", "cutoff"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value > 0.0):
+                raise InputError(f"AdaptiveTimeSeries.{name}", f"{value!r}", "a positive number")
+        low, high = self.amplitudes
+        if not 0.0 < low <= 1.0 <= high:
+            raise InputError("AdaptiveTimeSeries.amplitudes", f"{self.amplitudes!r}", "a range around 1")
+
+    def begin(self, channels: int, controller_step: float, time_scale: float) -> Compensator:
+        """Start for a test; see `Compensation.begin`.
+
+        Parameters
+        ----------
+        channels : int
+            Of the specimen.
+        controller_step, time_scale : float
+            T_c [s], λ.
+
+        Returns
+        -------
+        Compensator
+            With the measured delay.
+        """
+        return _Adapting(self, channels, controller_step, time_scale)
+
+    def gain(self, omega: float, delay: float) -> complex:
+        """Give 1 + τ D₁(ω) + ½ τ² D₂(ω), of a series that has found the delay; see `Compensation.gain`.
+
+        Parameters
+        ----------
+        omega, delay : float
+            ω [rad/s], τ [s].
+
+        Returns
+        -------
+        complex
+            The gain, with what the derivatives of the cubic make of a harmonic motion, D₁ ≈ iω and D₂ ≈ −ω².
+        """
+        spacing = self.delay
+        turns = np.exp(-1j * omega * spacing * np.arange(4))
+        share = delay / spacing
+        return complex(1.0 + share * (CUBIC_SLOPE @ turns) + 0.5 * share**2 * (CUBIC_CURVATURE @ turns))
+
+
+class _Adapting(Compensator):
+    """An adaptive time series at work; each channel for itself."""
+
+    def __init__(self, settings: AdaptiveTimeSeries, channels: int, step: float, scale: float) -> None:
+        self.settings, self.step = settings, step
+        self.coefficients = np.tile([1.0, settings.delay], (channels, 1))
+        """a₀, and a₁ [s], shape (channel, 2)."""
+        rate = scale / step  # samples a second of simulated time
+        length = max(round(settings.window * rate), 3)
+        self.window: deque[tuple[np.ndarray, np.ndarray, np.ndarray]] = deque(maxlen=length)
+        # A filter that is wider than what the samples can show is none.
+        corner = min(settings.cutoff / (0.5 * rate), 0.99)
+        self.numerator, self.denominator = scipy.signal.butter(2, corner)
+        self.memories = np.zeros((2, channels, 2))
+        self.sums = np.zeros((channels, 5))
+        self.last_filtered = np.zeros(channels)
+        self.past = _Past(settings.delay / step * np.arange(4), channels)
+
+    def commands(self, targets: np.ndarray) -> np.ndarray:
+        """Extrapolate with the coefficients of now; see `Compensator.commands`."""
+        before, spacing = self.past.before(targets), self.settings.delay
+        rate = np.einsum("i,tic->tc", CUBIC_SLOPE, before) / spacing
+        curvature = np.einsum("i,tic->tc", CUBIC_CURVATURE, before) / spacing**2
+        amplitude, lead = self.coefficients.T
+        return np.asarray(amplitude * targets + lead * rate + 0.5 * lead**2 * curvature)
+
+    def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:
+        """Refit the window; see `Compensator.observe`."""
+        for command, place in zip(commands, measured, strict=True):
+            filtered = self._filtered(0, command)
+            seen = self._filtered(1, place)
+            rate = (seen - self.last_filtered) / self.step
+            self.last_filtered = seen
+            if len(self.window) == self.window.maxlen:
+                self.sums -= self._products(*self.window[0])
+            self.window.append((filtered, seen, rate))
+            self.sums += self._products(filtered, seen, rate)
+        if len(self.window) == self.window.maxlen:
+            self._refit()
+
+    def _filtered(self, which: int, value: np.ndarray) -> np.ndarray:
+        """One more value through a filter (direct form, transposed)."""
+        memory, b, a = self.memories[which], self.numerator, self.denominator
+        out = b[0] * value + memory[:, 0]
+        memory[:, 0] = b[1] * value - a[1] * out + memory[:, 1]
+        memory[:, 1] = b[2] * value - a[2] * out
+        return np.asarray(out)
+
+    @staticmethod
+    def _products(command: np.ndarray, seen: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        return np.stack([seen * seen, seen * rate, rate * rate, seen * command, rate * command], axis=1)
+
+    def _refit(self) -> None:
+        """Solve the normal equations of each channel; a channel that has not moved keeps what it has."""
+        uu, uv, vv, uc, vc = self.sums.T
+        determinant = uu * vv - uv * uv
+        for channel in np.flatnonzero(determinant > 1e-9 * uu * vv):
+            amplitude = (vv[channel] * uc[channel] - uv[channel] * vc[channel]) / determinant[channel]
+            amplitude = float(np.clip(amplitude, *self.settings.amplitudes))
+            lead = (vc[channel] - amplitude * uv[channel]) / vv[channel]
+            self.coefficients[channel] = amplitude, max(lead, 0.0)

@@ -1,0 +1,213 @@
+"""How much delay of the transfer system a hybrid test can bear: closed forms, and any structure.
+
+A specimen that follows late pushes back late, which feeds energy in. The critical delay is the shortest one at which a free
+oscillation no longer decays. A rate-independent specimen feels it in simulated time: a transfer system that is late by τ of wall
+time is late by τ/λ there.
+
+Source: T. Horiuchi, M. Inoue, T. Konno & Y. Namita (1999, Earthq. Eng. Struct. Dyn. 28, 1121) for a delay as negative damping.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+
+GRID = 4000
+"""Frequencies at which the shares of a structure are looked at, before roots are found between two of them."""
+HIGHEST = 3.0
+"""Highest frequency that is looked at, over the highest natural one."""
+INERTIA_ALONE = 30.0
+"""Frequency over the highest natural one from which on inertia alone turns the determinant."""
+SMALL_TURN = 0.5
+"""Largest turn of the determinant between two frequencies [rad]; more are looked at where it is larger."""
+REFINEMENTS = 40
+"""Halvings of a step at most: beyond, a root lies on the axis itself."""
+
+
+@dataclass(frozen=True)
+class CriticalDelay:
+    """The shortest delay at which a free oscillation no longer decays.
+
+    Parameters
+    ----------
+    delay : float
+        τ_c in simulated time [s]; infinite where every delay is borne.
+    frequency : float
+        Ω of that oscillation [rad/s]; NaN where there is none.
+    """
+
+    delay: float
+    frequency: float
+
+    def on_the_wall(self, time_scale: float) -> float:
+        """Delay in wall time.
+
+        Parameters
+        ----------
+        time_scale : float
+            λ, wall time over simulated time.
+
+        Returns
+        -------
+        float
+            λ τ_c [s].
+        """
+        return time_scale * self.delay
+
+
+@check_arguments
+def critical_delay(frequency: float, damping_ratio: float, share: float = 1.0) -> CriticalDelay:
+    """Critical delay of one degree of freedom.
+
+    With p the specimen's share of the stiffness and x = Ω/ω::
+
+        (x² − 1 + p)² + 4ζ²x² = p²,    tan(Ω τ_c) = 2ζx / (x² − 1 + p),    τ_c ≈ 2ζ/(p ω)
+
+    Parameters
+    ----------
+    frequency : float
+        ω [rad/s].
+    damping_ratio : float
+        ζ.
+    share : float
+        p, above 0 and up to 1.
+
+    Returns
+    -------
+    CriticalDelay
+        Infinite where the damping is more than any delay can undo.
+
+    Examples
+    --------
+    >>> print(f"{critical_delay(np.sqrt(7.6e6 / 12e3), 0.03).delay:.6e} s")
+    2.385588e-03 s
+    """
+    if not frequency > 0.0 or damping_ratio < 0.0 or not 0.0 < share <= 1.0:
+        came = f"ω = {frequency:g} rad/s, ζ = {damping_ratio:g}, p = {share:g}"
+        raise InputError("critical_delay", came, "ω above 0, ζ of 0 or more, p above 0 and up to 1")
+    # x⁴ + 2 b x² + c = 0 with b = 2ζ² − 1 + p and c = 1 − 2p; the larger root is the earlier one to lose its damping.
+    b, c = 2.0 * damping_ratio**2 - 1.0 + share, 1.0 - 2.0 * share
+    inner = b * b - c
+    square = -b + np.sqrt(inner) if inner >= 0.0 else -1.0
+    if square <= 0.0:
+        return CriticalDelay(np.inf, np.nan)
+    x = float(np.sqrt(square))
+    angle = np.arctan2(2.0 * damping_ratio * x, square - 1.0 + share)
+    return CriticalDelay(float(angle / (x * frequency)), float(x * frequency))
+
+
+@check_arguments
+def critical_lag(frequency: float, damping_ratio: float) -> float:
+    """Critical time constant of a first-order lag, for a specimen that has all of the stiffness: (2ζ/ω)/(1 − 4ζ²).
+
+    Parameters
+    ----------
+    frequency : float
+        ω [rad/s].
+    damping_ratio : float
+        ζ.
+
+    Returns
+    -------
+    float
+        T_a,c in simulated time [s]; infinite from ζ = ½ on.
+    """
+    left = 1.0 - 4.0 * damping_ratio**2
+    return 2.0 * damping_ratio / frequency / left if left > 0.0 else np.inf
+
+
+@check_arguments
+def critical_delay_of(
+    mass: np.ndarray, damping: np.ndarray, numerical: np.ndarray, physical: np.ndarray
+) -> CriticalDelay:
+    """Critical delay of a whole structure: the smallest τ > 0 with det(−Ω²M + iΩC + K_N + K_P e^(−iΩτ)) = 0 for some Ω.
+
+    At each Ω the eigenvalues μ of (−Ω²M + iΩC + K_N)⁻¹ K_P give e^(−iΩτ) = −1/μ, which is a delay where |μ| = 1.
+
+    Parameters
+    ----------
+    mass, damping : ndarray, shape (dof, dof)
+        M [kg] and C [N s/m] of the whole structure.
+    numerical, physical : ndarray, shape (dof, dof)
+        Stiffnesses K_N and K_P [N/m] of the parts, in the degrees of freedom of the whole.
+
+    Returns
+    -------
+    CriticalDelay
+        Infinite where every delay is borne.
+    """
+    squares = scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True)
+    grid = np.linspace(0.0, HIGHEST * np.sqrt(squares.max()), GRID + 1)[1:]
+
+    def ratios(omega: np.ndarray) -> np.ndarray:
+        """μ of several Ω, the largest first, shape (frequency, dof)."""
+        w = omega[:, None, None]
+        dynamic = -(w**2) * mass + 1j * w * damping + numerical
+        values = np.linalg.eigvals(np.linalg.solve(dynamic, np.broadcast_to(physical, dynamic.shape).astype(complex)))
+        return np.take_along_axis(values, np.argsort(-np.abs(values), axis=1), axis=1)
+
+    def over(omega: float, order: int) -> float:
+        return float(np.abs(ratios(np.array([omega]))[0, order]) - 1.0)
+
+    sizes = np.abs(ratios(grid)) - 1.0
+    found = CriticalDelay(np.inf, np.nan)
+    for step, order in np.argwhere(sizes[:-1] * sizes[1:] < 0.0):
+        omega = float(scipy.optimize.brentq(over, grid[step], grid[step + 1], args=(order,), xtol=1e-13))
+        turn = -1.0 / ratios(np.array([omega]))[0, order]  # e^(−iΩτ)
+        delay = float(-np.angle(turn) % (2.0 * np.pi) / omega)
+        if 0.0 < delay < found.delay:
+            found = CriticalDelay(delay, omega)
+    return found
+
+
+def growing_oscillations(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    numerical: np.ndarray,
+    physical: np.ndarray,
+    factor: Callable[[float], complex],
+) -> int:
+    """Count the oscillations of a structure that grow where the specimen's force comes late.
+
+    Mikhailov's criterion (A. V. Mikhailov 1938, Avtomatika i Telemekhanika 3, 27), which holds with delays where inertia has none:
+    while Ω goes from 0 to ∞, the argument of det(−Ω²M + iΩC + K_N + G(Ω) K_P) turns by (n − N) π, with n degrees of freedom and N
+    roots that grow, two for each oscillation.
+
+    Parameters
+    ----------
+    mass, damping : ndarray, shape (dof, dof)
+        M [kg] and C [N s/m] of the whole structure.
+    numerical, physical : ndarray, shape (dof, dof)
+        K_N and K_P [N/m].
+    factor : callable
+        G of a frequency Ω [rad/s] in simulated time, e^(−iΩτ) for a delay.
+
+    Returns
+    -------
+    int
+        0 where all decay.
+    """
+    highest = np.sqrt(scipy.linalg.eigh(numerical + physical, mass, eigvals_only=True).max())
+    most = np.abs(scipy.linalg.eigh(damping, mass, eigvals_only=True)).max()
+
+    def directions(omega: np.ndarray) -> np.ndarray:
+        """The determinant over its size."""
+        w, late = omega[:, None, None], np.array([factor(o) for o in omega])[:, None, None]
+        return np.asarray(np.linalg.slogdet(-(w**2) * mass + 1j * w * damping + numerical + late * physical)[0])
+
+    grid = np.linspace(0.0, INERTIA_ALONE * max(highest, most), GRID + 1)
+    found = directions(grid)
+    for _ in range(REFINEMENTS):
+        wide = np.flatnonzero(np.abs(np.angle(found[1:] / found[:-1])) > SMALL_TURN)
+        if not len(wide):
+            break
+        between = 0.5 * (grid[wide] + grid[wide + 1])
+        grid, found = np.insert(grid, wide + 1, between), np.insert(found, wide + 1, directions(between))
+    turn = float(np.angle(found[1:] / found[:-1]).sum())
+    return max(round((len(mass) - turn / np.pi) / 2.0), 0)

@@ -1,0 +1,146 @@
+"""From one place to the next in wall time: ramp and hold, or continuous motion, one value a controller step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.core.errors import InputError
+
+LEAST_OF_A_RAMP = 5
+"""Controller steps that a ramp and hold needs, else it is no ramp."""
+ROUNDING = 1e-6
+"""Of a number of controller steps that should be whole."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a specimen is brought to the end of a step.
+
+    Parameters
+    ----------
+    samples : int
+        Controller steps that it takes.
+    ramp : int
+        How many of them move; the rest holds.
+    averaged : int
+        How many of the last are averaged in a reading.
+    settles : bool
+        Whether the specimen makes its own ramp and answers when it has arrived: it is sent one place a move.
+    """
+
+    samples: int
+    ramp: int
+    averaged: int
+    settles: bool = False
+
+    @property
+    def continuous(self) -> bool:
+        """Whether it never stops."""
+        return self.ramp == self.samples and not self.settles
+
+    def path(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Give the targets of its controller steps.
+
+        Parameters
+        ----------
+        start, end : ndarray, shape (channel,)
+            Where the last motion ended, and where this one is to end [m].
+
+        Returns
+        -------
+        ndarray, shape (sample, channel)
+            On a straight line: at a constant speed if it is continuous, else 3 s² − 2 s³ and then a hold.
+        """
+        share = np.minimum(np.arange(1, self.samples + 1) / self.ramp, 1.0)
+        if not self.continuous:
+            share = share**2 * (3.0 - 2.0 * share)
+        return np.asarray(start + share[:, None] * (end - start))
+
+    @property
+    def peak_rate(self) -> float:
+        """Largest move in a controller step over the whole move, 1.5 of the mean in a ramp."""
+        return float(np.abs(np.diff(self.path(np.zeros(1), np.ones(1)), axis=0, prepend=0.0)).max())
+
+
+def controller_steps(wall_time: float, controller_step: float, what: str) -> int:
+    """Count the controller steps of a wall time.
+
+    Parameters
+    ----------
+    wall_time, controller_step : float
+        [s].
+    what : str
+        What takes that time, for the message.
+
+    Returns
+    -------
+    int
+        One or more.
+
+    Raises
+    ------
+    InputError
+        If they are no whole number.
+    """
+    count = wall_time / controller_step
+    if round(count) < 1 or abs(count - round(count)) > ROUNDING * max(count, 1.0):
+        raise InputError(
+            what, f"{wall_time:g} s of wall time, {count:g} controller steps of {controller_step:g} s",
+            "a whole number of controller steps, one or more", "Change the time scale, the step or the number of substeps.",
+        )  # fmt: skip
+    return round(count)
+
+
+def continuous_motion(wall_time: float, controller_step: float) -> Motion:
+    """Motion that arrives when its time is over, for a fine specimen.
+
+    Parameters
+    ----------
+    wall_time : float
+        λ Δt/ss [s].
+    controller_step : float
+        T_c [s].
+
+    Returns
+    -------
+    Motion
+        Read at its end.
+    """
+    count = controller_steps(wall_time, controller_step, "a fine step of the specimen")
+    return Motion(count, count, 1)
+
+
+ITS_OWN_RAMP = Motion(1, 1, 1, settles=True)
+"""Of a specimen that takes one place a move."""
+
+
+def ramp_and_hold(wall_time: float, controller_step: float, share: float = 0.8) -> Motion:
+    """Motion that arrives early and waits, for a coarse specimen.
+
+    Parameters
+    ----------
+    wall_time : float
+        λ Δt [s].
+    controller_step : float
+        T_c [s].
+    share : float
+        Of the time that moves.
+
+    Returns
+    -------
+    Motion
+        Read over the second half of its hold.
+    """
+    count = controller_steps(wall_time, controller_step, "a step of the specimen")
+    if count < LEAST_OF_A_RAMP:
+        came = f"{wall_time:g} s of wall time, {count} controller steps"
+        raise InputError(
+            "a step of the specimen",
+            came,
+            f"{LEAST_OF_A_RAMP} or more for a ramp and a hold",
+            "Choose a larger time scale.",
+        )
+    ramp = min(max(round(share * count), 1), count - 1)
+    return Motion(count, ramp, max((count - ramp) // 2, 1))

@@ -1,0 +1,180 @@
+"""How well a specimen was where it should have been: indicators from commanded and measured displacements.
+
+Sources: O. Mercan & J. M. Ricles (2007, Earthq. Eng. Struct. Dyn. 36, 1523) for the tracking indicator; T. Guo, C. Chen, W. Xu &
+F. Sanchez (2014, Smart Mater. Struct. 23, 045042) for the frequency evaluation index.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.core.errors import InputError
+
+LEAST_SECANT, OVER_NOISE = 0.1, 100.0
+"""Of the peak, and of the noise: in shorter moves noise would be seen as stiffness."""
+SURELY, FEWEST_FOR_NOISE = 3.0, 20
+"""Standard deviations of the forces' noise that are taken off a secant; moves from which that noise can be seen."""
+NORMAL_MEDIAN = 1.4826
+"""Standard deviation of a normal law over the median of its absolute values."""
+STIFFER = 1.05
+"""Secant over K₀ from which a warning is due."""
+
+
+def root_mean_square_error(wanted: np.ndarray, measured: np.ndarray) -> float:
+    """RMS (u_m − u_c) over RMS u_c.
+
+    Parameters
+    ----------
+    wanted, measured : ndarray, shape (time,)
+        u_c, where the specimen should have been, and u_m [m].
+
+    Returns
+    -------
+    float
+        0 for a perfect motion; NaN where nothing was to move.
+    """
+    scale = np.sqrt(np.mean(wanted**2))
+    return float(np.sqrt(np.mean((measured - wanted) ** 2)) / scale) if scale > 0.0 else np.nan
+
+
+def tracking_indicator(wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """½ (∮ u_c du_m − ∮ u_m du_c): the area enclosed in the synchronisation subspace, which grows while the specimen lags.
+
+    Parameters
+    ----------
+    wanted, measured : ndarray, shape (time,)
+        u_c and u_m [m].
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        Up to each time [m²]; falling where it leads.
+    """
+    # ∫ x dy by trapezoids leaves ½ Σ (x₀ y₁ − x₁ y₀) for the difference.
+    steps = wanted[:-1] * measured[1:] - wanted[1:] * measured[:-1]
+    return np.concatenate([[0.0], 0.5 * np.cumsum(steps)])
+
+
+def energy_error(force: np.ndarray, wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure.
+
+    Parameters
+    ----------
+    force : ndarray, shape (time,)
+        r [N].
+    wanted, measured : ndarray, shape (time,)
+        u_c and u_m [m].
+
+    Returns
+    -------
+    ndarray, shape (time,)
+        Up to each time [J].
+    """
+    found = scipy.integrate.cumulative_trapezoid(force, measured - wanted, initial=0.0)
+    return np.asarray(found)
+
+
+@dataclass(frozen=True)
+class FrequencyEvaluationIndex:
+    """Amplitude and delay of a motion, weighted by the power of what was wanted.
+
+    Parameters
+    ----------
+    amplitude : float
+        |F|; 1 for a perfect motion.
+    delay : float
+        −arg F/(2π f_eq) [s], in the time of the histories.
+    frequency : float
+        f_eq, mean frequency weighted by the same power [Hz].
+    """
+
+    amplitude: float
+    delay: float
+    frequency: float
+
+
+def frequency_evaluation_index(wanted: np.ndarray, measured: np.ndarray, dt: float) -> FrequencyEvaluationIndex:
+    """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history.
+
+    Parameters
+    ----------
+    wanted, measured : ndarray, shape (time,)
+        u_c and u_m [m].
+    dt : float
+        Time step [s].
+
+    Returns
+    -------
+    FrequencyEvaluationIndex
+        Amplitude and delay.
+
+    Raises
+    ------
+    InputError
+        If nothing was to move.
+    """
+    # A history that does not end where it began would leak into every frequency.
+    taper = np.hanning(len(wanted))
+    u_c, u_m = (np.fft.rfft(taper * scipy.signal.detrend(u))[1:] for u in (wanted, measured))
+    power = np.abs(u_c) ** 2
+    if not power.sum() > 0.0:
+        raise InputError("frequency_evaluation_index", "a specimen that was not to move", "a motion")
+    ratio = np.sum(u_m * np.conj(u_c)) / power.sum()
+    frequency = float(np.sum(np.fft.rfftfreq(len(wanted), dt)[1:] * power) / power.sum())
+    return FrequencyEvaluationIndex(
+        float(np.abs(ratio)), float(-np.angle(ratio) / (2.0 * np.pi * frequency)), frequency
+    )
+
+
+def largest_secant(measured: np.ndarray, target: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> float:
+    """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
+
+    Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the
+    one before has passed a turn, where a hysteretic force differs at one and the same place; it is left out. What the noise of the
+    forces can make of one is taken off.
+
+    Parameters
+    ----------
+    measured, target : ndarray, shape (move, channel)
+        Where the specimen was, and where it should be [m]; their difference shows the noise.
+    force : ndarray, shape (move, channel)
+        That it exerts [N].
+    stiffness : ndarray, shape (channel, channel)
+        K₀ in its channels [N/m].
+
+    Returns
+    -------
+    float
+        NaN where nothing moved.
+    """
+    peak = float(np.abs(measured).max(initial=0.0))
+    noise = float(np.diff(measured - target, axis=0).std() / np.sqrt(2.0)) if len(measured) > 2 else 0.0
+    least = max(LEAST_SECANT * peak, OVER_NOISE * noise)
+    doubt = SURELY * np.sqrt(2.0) * _force_noise(measured, force, stiffness)
+    found, last, before = np.nan, 0, None
+    for k in range(1, len(measured) if peak > 0.0 else 0):
+        change = measured[k] - measured[last]
+        if np.abs(change).max() < least:
+            continue
+        if before is not None and before @ change > 0.0:
+            work = change @ (force[k] - force[last]) - np.abs(change) @ doubt
+            found = float(np.fmax(found, work / (change @ stiffness @ change)))
+        last, before = k, change
+    return found
+
+
+def _force_noise(measured: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """Standard deviation of what is rough in the forces, beside a linear answer, shape (channel,).
+
+    Third differences of smooth histories are small; those of independent noise have √20 of its standard deviation.
+    """
+    if len(force) < FEWEST_FOR_NOISE:
+        return np.zeros(force.shape[1])
+    linear = measured @ stiffness
+    size = np.sum(linear**2)
+    rest = force - (np.sum(force * linear) / size if size > 0.0 else 0.0) * linear
+    rough = np.median(np.abs(np.diff(rest, n=3, axis=0)), axis=0)
+    return np.asarray(NORMAL_MEDIAN * rough / np.sqrt(20.0))

@@ -1,0 +1,205 @@
+"""A simulated transfer system: actuators that follow late, within limits, and sensors that see with noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.signal import lfilter
+
+from structid.core.errors import InputError
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
+
+CONTROLLER_STEP = 1e-3
+"""T_c [s] of wall time."""
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Sensor:
+    """What is seen of a quantity: white noise, then the steps of a converter.
+
+    Parameters
+    ----------
+    noise : float
+        Standard deviation [m] or [N].
+    range : float, optional
+        Width of what the converter can tell apart [m] or [N]; an ideal converter when left out.
+    bits : int
+        Of the converter, whose step is range/2^bits.
+    """
+
+    noise: float = 0.0
+    range: float | None = None
+    bits: int = 16
+
+    def __post_init__(self) -> None:
+        if not self.noise >= 0.0 or (self.range is not None and not self.range > 0.0) or self.bits < 1:
+            raise InputError("Sensor", f"{self}", "a noise of 0 or more, a positive range, one bit or more")
+
+    @property
+    def quantum(self) -> float:
+        """Step of the converter [m] or [N]; 0 for an ideal one."""
+        return 0.0 if self.range is None else self.range / 2**self.bits
+
+    def seen(self, values: np.ndarray, random: np.random.Generator) -> np.ndarray:
+        """What it makes of true values.
+
+        Parameters
+        ----------
+        values : ndarray
+            The truth [m] or [N].
+        random : numpy.random.Generator
+            For the noise.
+
+        Returns
+        -------
+        ndarray
+            In the same shape.
+        """
+        noisy = values + self.noise * random.normal(size=values.shape) if self.noise else values
+        return self.quantum * np.round(noisy / self.quantum) if self.quantum else noisy
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Actuator:
+    """A channel that follows its command: stroke limit, pure delay τ, first-order lag T_a, velocity limit.
+
+        u_m′ = (c(t − τ) − u_m)/T_a
+
+    A command c_k is the target of the end of controller step k, and is held during it. The lag is exact for such a staircase; seen
+    at the ends of steps it acts as a delay of T_a − T_c/2.
+
+    Parameters
+    ----------
+    delay, lag : float
+        τ and T_a [s] of wall time.
+    stroke, velocity, force : float, optional
+        Largest absolute displacement [m], velocity [m/s] of wall time, and force [N]; no limit when left out. It cannot move
+        farther or faster. A force beyond its limit stops the test.
+    displacement_sensor, force_sensor : Sensor
+        What is seen of its piston and of its load cell.
+    """
+
+    delay: float = 0.0
+    lag: float = 0.0
+    stroke: float | None = None
+    velocity: float | None = None
+    force: float | None = None
+    displacement_sensor: Sensor = field(default_factory=Sensor)
+    force_sensor: Sensor = field(default_factory=Sensor)
+
+    def __post_init__(self) -> None:
+        for name in ("delay", "lag"):
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) >= 0.0):
+                raise InputError(f"Actuator.{name}", f"{getattr(self, name)!r}", "seconds of wall time, 0 or more")
+        for name in ("stroke", "velocity", "force"):
+            limit = getattr(self, name)
+            if limit is not None and not limit > 0.0:
+                raise InputError(f"Actuator.{name}", f"{limit!r}", "a positive limit, or nothing")
+
+
+class TransferSystem:
+    """Actuators that follow paths, one value a controller step.
+
+    Parameters
+    ----------
+    actuators : sequence of Actuator
+        One a channel.
+    controller_step : float
+        T_c [s].
+    seed : int
+        Of the noise.
+    """
+
+    def __init__(
+        self, actuators: tuple[Actuator, ...], controller_step: float = CONTROLLER_STEP, seed: int = 0
+    ) -> None:
+        if not controller_step > 0.0:
+            raise InputError("controller_step", f"{controller_step!r}", "a positive time in seconds")
+        self.actuators, self.controller_step = actuators, controller_step
+        self._random = stream(seed, Purpose.SENSOR_NOISE)
+        self._pistons = [_Piston(actuator, controller_step) for actuator in actuators]
+
+    def followed(self, path: np.ndarray) -> np.ndarray:
+        """Move along a path.
+
+        Parameters
+        ----------
+        path : ndarray, shape (sample, channel)
+            Commands, the targets of controller steps [m].
+
+        Returns
+        -------
+        ndarray, shape (sample, channel)
+            Where the pistons are at the ends of these steps [m].
+        """
+        return np.stack([p.followed(path[:, k]) for k, p in enumerate(self._pistons)], axis=1)
+
+    def seen(self, displacement: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What the sensors make of it.
+
+        Parameters
+        ----------
+        displacement, force : ndarray, shape (sample, channel)
+            The truth [m], [N].
+
+        Returns
+        -------
+        tuple of ndarray
+            In the same shapes.
+        """
+        return (
+            np.stack(
+                [
+                    a.displacement_sensor.seen(x, self._random)
+                    for a, x in zip(self.actuators, displacement.T, strict=True)
+                ],
+                1,
+            ),
+            np.stack([a.force_sensor.seen(x, self._random) for a, x in zip(self.actuators, force.T, strict=True)], 1),
+        )
+
+
+class _Piston:
+    """One actuator in motion."""
+
+    def __init__(self, actuator: Actuator, step: float) -> None:
+        self.actuator, self.place = actuator, 0.0
+        whole = actuator.delay / step
+        # A delay of q + f steps: during the first f of a step the command of q + 1 steps before still acts.
+        self.before = int(np.floor(whole + 1e-9))
+        self.part = max(whole - self.before, 0.0)
+        self.sent = np.zeros(self.before + 1)
+        """The last commands, the oldest first."""
+        lag = actuator.lag
+        self.kept = (
+            (float(np.exp(-self.part * step / lag)), float(np.exp(-(1.0 - self.part) * step / lag)))
+            if lag
+            else (0.0, 0.0)
+        )
+        self.farthest = np.inf if actuator.velocity is None else actuator.velocity * step
+
+    def followed(self, commands: np.ndarray) -> np.ndarray:
+        """Places at the ends of controller steps, shape (sample,)."""
+        stroke = np.inf if self.actuator.stroke is None else self.actuator.stroke
+        sent = np.concatenate([self.sent, np.clip(commands, -stroke, stroke)])
+        self.sent = sent[len(commands) :]
+        old, new = sent[: len(commands)], sent[1 : len(commands) + 1]
+        # x₁ = k₂ k₁ x₀ + k₂ (1 − k₁) c_old + (1 − k₂) c_new
+        first, second = self.kept
+        pulled = second * (1.0 - first) * old + (1.0 - second) * new
+        if np.isinf(self.farthest):
+            kept = first * second
+            places, _ = lfilter([1.0], [1.0, -kept], pulled, zi=[kept * self.place])
+        else:
+            places = np.empty(len(commands))
+            place = self.place
+            for k, pull in enumerate(pulled):
+                move = first * second * place + pull - place
+                place += min(max(move, -self.farthest), self.farthest)
+                places[k] = place
+        self.place = float(places[-1])
+        return np.asarray(places)

@@ -1,0 +1,1 @@
+"""Coupling of the numerical and the physical part, one step at a time."""

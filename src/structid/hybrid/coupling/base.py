@@ -1,0 +1,374 @@
+"""Two parts that move as one structure: what every coupling has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+
+from structid.core.errors import InputError, check_choice
+from structid.engine.array_module import namespace
+from structid.hybrid.coupling.operator_splitting import OperatorSplitting, PartState
+from structid.hybrid.substructures.substructure import Substructure
+
+WORST_CONDITION = 1e14
+"""Of an interface operator that is solved."""
+
+
+class CoupledState(NamedTuple):
+    """Both parts at the end of a coarse step.
+
+    Parameters
+    ----------
+    numerical, physical : PartState
+        The parts.
+    traction : array, shape (interface,) or (interface, run)
+        Λ, the forces that the physical part exerts on the numerical one [N].
+    """
+
+    numerical: PartState
+    physical: PartState
+    traction: Any
+
+
+class FineSteps(NamedTuple):
+    """What happened within a coarse step.
+
+    Parameters
+    ----------
+    part : PartState
+        The fine part after each of its steps; its first axis is the fine step.
+    traction : array, shape (fine step, interface)
+        Λ that it felt [N].
+    """
+
+    part: PartState
+    traction: Any
+
+
+class CoarseStep(NamedTuple):
+    """A coarse step that was taken.
+
+    Parameters
+    ----------
+    state : CoupledState
+        At its end.
+    fine : FineSteps
+        Within it; nothing where that is not kept.
+    pseudo_energy : array
+        Σ_i Σ_steps [v_i]ᵀ L_iᵀ [Λ] / h_i of both parts, [·] an increment [W/s]. Interface forces that do no work add up to zero.
+    """
+
+    state: CoupledState
+    fine: Any
+    pseudo_energy: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Coupling(ABC):
+    """How two parts are coupled.
+
+    Parameters
+    ----------
+    substeps : int
+        ss, steps of the fine part within one of the coarse part.
+    fine : {"numerical", "physical"}
+        Which part takes the substeps.
+    """
+
+    substeps: int = 1
+    fine: str = "numerical"
+
+    def __post_init__(self) -> None:
+        where = type(self).__name__
+        if not isinstance(self.substeps, (int, np.integer)) or self.substeps < 1:
+            raise InputError(f"{where}.substeps", f"{self.substeps!r}", "a whole number from 1")
+        check_choice(f"{where}.fine", self.fine, ("numerical", "physical"))
+
+    @abstractmethod
+    def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> Joined:
+        """Prepare two parts for steps.
+
+        Parameters
+        ----------
+        numerical, physical : Substructure
+            The parts.
+        dt : float
+            Coarse step Δt [s].
+
+        Returns
+        -------
+        Joined
+            The coupled structure.
+
+        Raises
+        ------
+        InputError
+            If they do not share an interface.
+        """
+
+
+@dataclass(frozen=True, eq=False)
+class Joined(ABC):
+    """Two parts, coupled; a coarse step of both.
+
+    Parameters
+    ----------
+    coarse, fine : OperatorSplitting
+        The part A that takes Δt, and the part B that takes ss steps of h = Δt/ss.
+    fine_is_physical : bool
+        Which of them is which.
+    substeps : int
+        ss.
+    keeps_fine : bool
+        Whether a step tells what happened within it.
+    """
+
+    coarse: OperatorSplitting
+    fine: OperatorSplitting
+    fine_is_physical: bool
+    substeps: int
+    keeps_fine: bool = True
+
+    @abstractmethod
+    def step(self, state: CoupledState, bases: Any) -> CoarseStep:
+        """Take a coarse step.
+
+        Parameters
+        ----------
+        state : CoupledState
+            Before it.
+        bases : array, shape (ss + 1,)
+            Acceleration of the base at its start, and at the end of every fine step [m/s²].
+
+        Returns
+        -------
+        CoarseStep
+            What happened.
+        """
+
+    def of_parts(self, numerical: Substructure, physical: Substructure) -> Self:
+        """Couple other parts in the same way, such as parts that have softened.
+
+        Parameters
+        ----------
+        numerical, physical : Substructure
+            Of the same interface.
+
+        Returns
+        -------
+        Joined
+            With the same steps.
+        """
+        coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
+        return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
+
+    def seen(self, part: PartState, traction: Any) -> Any:
+        """What is told of a fine step.
+
+        Parameters
+        ----------
+        part : PartState
+            After it.
+        traction : array, shape (interface,)
+            Λ that it felt [N].
+
+        Returns
+        -------
+        FineSteps or tuple
+            Nothing where it is not kept.
+        """
+        return FineSteps(part, traction) if self.keeps_fine else ()
+
+    @property
+    def guesses_for_specimen(self) -> bool:
+        """Whether the specimen moves under interface forces that were guessed."""
+        return False
+
+    @property
+    def numerical(self) -> OperatorSplitting:
+        """Splitting of the numerical part."""
+        return self.coarse if self.fine_is_physical else self.fine
+
+    @property
+    def physical(self) -> OperatorSplitting:
+        """Splitting of the physical part."""
+        return self.fine if self.fine_is_physical else self.coarse
+
+    @property
+    def dt(self) -> float:
+        """Coarse step Δt [s]."""
+        return self.coarse.step
+
+    def parts_of(self, state: CoupledState) -> tuple[PartState, PartState]:
+        """Give the states of the coarse and the fine part.
+
+        Parameters
+        ----------
+        state : CoupledState
+            Of both.
+
+        Returns
+        -------
+        tuple of PartState
+            A and B.
+        """
+        pair = state.numerical, state.physical
+        return pair if self.fine_is_physical else pair[::-1]
+
+    def state_of(self, coarse: PartState, fine: PartState, traction: Any) -> CoupledState:
+        """Put the states of both parts together.
+
+        Parameters
+        ----------
+        coarse, fine : PartState
+            A and B.
+        traction : array
+            Λ [N].
+
+        Returns
+        -------
+        CoupledState
+            Of both.
+        """
+        pair = (coarse, fine) if self.fine_is_physical else (fine, coarse)
+        return CoupledState(*pair, traction)
+
+    def start(self, base: Any = 0.0, like: Any = None) -> CoupledState:
+        """Both parts at rest, with the accelerations and interface forces that the first acceleration of the base asks for.
+
+        Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the parts on their own.
+
+        Parameters
+        ----------
+        base : float
+            a_g at the first sample [m/s²].
+        like : array, shape (run,), optional
+            Of as many runs; one without an axis when left out.
+
+        Returns
+        -------
+        CoupledState
+            Before the first step.
+        """
+        sides = (self.coarse, self.fine)
+        shapes = [np.zeros(s.part.dofs) if like is None else 0.0 * like + np.zeros((s.part.dofs, 1)) for s in sides]
+        alone = [s.start(shape, base) for s, shape in zip(sides, shapes, strict=True)]
+        pulls = [np.linalg.inv(s.part.mass) @ s.columns for s in sides]  # M⁻¹ Lᵀ
+        operator = sum(s.rows @ pull for s, pull in zip(sides, pulls, strict=True))
+        missed = sum(s.rows @ p.acceleration for s, p in zip(sides, alone, strict=True))
+        traction = -inverse_of(operator) @ missed
+        coarse, fine = (
+            p._replace(acceleration=p.acceleration + pull @ traction) for p, pull in zip(alone, pulls, strict=True)
+        )
+        return self.state_of(coarse, fine, traction)
+
+    def gap(self, state: CoupledState) -> Any:
+        """Largest difference of the interface displacements of both parts, which are not tied; velocities are.
+
+        Parameters
+        ----------
+        state : CoupledState
+            At the end of a coarse step.
+
+        Returns
+        -------
+        array
+            [m].
+        """
+        xp = namespace(state.traction)
+        coarse, fine = self.parts_of(state)
+        return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
+
+    def missed_velocity(self, coarse: PartState, fine: PartState) -> Any:
+        """Σ L v.
+
+        Parameters
+        ----------
+        coarse, fine : PartState
+            A and B.
+
+        Returns
+        -------
+        array, shape (interface,) or (interface, run)
+            [m/s].
+        """
+        return self.coarse.rows @ coarse.velocity + self.fine.rows @ fine.velocity
+
+    @cached_property
+    def shares(self) -> np.ndarray:
+        """j/ss, shape (ss,)."""
+        return np.arange(1, self.substeps + 1) / self.substeps
+
+
+def splittings(
+    numerical: Substructure, physical: Substructure, dt: float, coupling: Coupling, alpha: float = 0.0
+) -> tuple[OperatorSplitting, OperatorSplitting]:
+    """Make the splittings of the coarse and the fine part, with the signs of L.
+
+    Parameters
+    ----------
+    numerical, physical : Substructure
+        The parts.
+    dt : float
+        Coarse step [s].
+    coupling : Coupling
+        Which part is fine, and how fine.
+    alpha : float
+        α of both.
+
+    Returns
+    -------
+    tuple of OperatorSplitting
+        A and B.
+
+    Raises
+    ------
+    InputError
+        If the parts do not share an interface, or the step is no step.
+    """
+    rows = len(numerical.interface), len(physical.interface)
+    if rows[0] != rows[1] or rows[0] == 0:
+        raise InputError(
+            "interface", f"{rows[0]} rows in {numerical.name}, {rows[1]} in {physical.name}",
+            "the same number in both, and one or more",
+            "The k-th of one part meets the k-th of the other.",
+        )  # fmt: skip
+    if not (np.isfinite(dt) and dt > 0.0):
+        raise InputError("dt", f"{dt!r}", "a positive time in seconds")
+    signs = {"numerical": 1.0, "physical": -1.0}
+    parts = {"numerical": numerical, "physical": physical}
+    coarse = "physical" if coupling.fine == "numerical" else "numerical"
+    return (
+        OperatorSplitting(parts[coarse], dt, alpha, signs[coarse]),
+        OperatorSplitting(parts[coupling.fine], dt / coupling.substeps, alpha, signs[coupling.fine]),
+    )
+
+
+def inverse_of(operator: np.ndarray) -> np.ndarray:
+    """Invert an interface operator.
+
+    Parameters
+    ----------
+    operator : ndarray, shape (interface, interface)
+        H [s/kg or 1/kg].
+
+    Returns
+    -------
+    ndarray, shape (interface, interface)
+        H⁻¹.
+
+    Raises
+    ------
+    InputError
+        If it is singular.
+    """
+    if np.linalg.cond(operator) > WORST_CONDITION:
+        raise InputError(
+            "interface", f"a singular interface operator (condition {np.linalg.cond(operator):.1e})",
+            "rows of L that are independent in each part", "Take out a row that repeats another, or that no mass stands behind.",
+        )  # fmt: skip
+    return np.asarray(np.linalg.inv(operator))

@@ -1,0 +1,98 @@
+"""A benchmark of couplings: two floors, of which the lower storey is the physical part.
+
+Two floors of 12 000 kg on storeys of 7.6e6 N/m; the lower storey with half of the first floor is the physical part. Damping is
+(2ζ/ω₁) K₀ with ζ = 3 %, and the ground accelerates by 3 sin²(π t / 0.5 s) m/s² for half a second.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from structid.core.validation import check_arguments
+from structid.hybrid.coupling.base import Coupling
+from structid.hybrid.coupling.partitioned_run import PartitionedHistories, run_over
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.substructures.frame_parts import cut_frame
+from structid.models.hysteretic.frame_equations import stiffness_matrix
+from structid.models.hysteretic.shear_frame import ShearFrame
+
+MASS, STIFFNESS, DAMPING_RATIO = 12_000.0, 7.6e6, 0.03
+LAW = {"alpha": 0.05, "beta": 63.0, "gamma": 63.0, "delta_nu": 2.43, "delta_eta": 6.5}
+"""Of both storeys, where they are hysteretic."""
+PULSE, STRENGTH = 0.5, 3.0
+"""Length [s] and peak [m/s²] of the ground motion."""
+
+
+def two_floor_frame(hysteretic: bool = False) -> ShearFrame:
+    """Give the frame in one piece.
+
+    Parameters
+    ----------
+    hysteretic : bool
+        Whether both storeys are Bouc-Wen-Baber-Noori springs, or linear.
+
+    Returns
+    -------
+    ShearFrame
+        With the benchmark's damping.
+    """
+    law: dict[str, Any] = LAW if hysteretic else {"alpha": 1.0, "beta": 0.0, "gamma": 0.0}
+    initial = stiffness_matrix(np.full(2, STIFFNESS))
+    omega = np.sqrt(np.linalg.eigvalsh(initial / MASS)[0])
+    damping = 2.0 * DAMPING_RATIO / omega * initial
+    return ShearFrame(
+        storeys=2, mass=MASS, stiffness=STIFFNESS, damping_ratio=DAMPING_RATIO, damping=damping, **law,
+        channels=("displacement_1", "displacement_2"),
+    )  # fmt: skip
+
+
+def pulse(time: np.ndarray) -> np.ndarray:
+    """Acceleration of the ground.
+
+    Parameters
+    ----------
+    time : ndarray
+        [s].
+
+    Returns
+    -------
+    ndarray
+        [m/s²].
+    """
+    return np.where(time < PULSE, STRENGTH * np.sin(np.pi * time / PULSE) ** 2, 0.0)
+
+
+@check_arguments
+def two_floors(
+    coupling: Coupling | None = None, *, hysteretic: bool = False, dt: float = 0.01, duration: float = 2.0
+) -> PartitionedHistories:
+    """Run the benchmark.
+
+    Parameters
+    ----------
+    coupling : Coupling, optional
+        `PrakashHjelmstad` without substeps when left out.
+    hysteretic : bool
+        Whether both storeys are Bouc-Wen-Baber-Noori springs, or linear.
+    dt : float
+        Coarse step [s].
+    duration : float
+        [s].
+
+    Returns
+    -------
+    PartitionedHistories
+        ``.coarse.u`` are the displacements of both floors [m], the first one that of the physical part.
+
+    Examples
+    --------
+    >>> peaks = abs(two_floors(PrakashHjelmstad(substeps=10, fine="physical")).coarse.u).max(axis=0)
+    >>> print(f"{peaks[0]:.8e} {peaks[1]:.8e}")
+    1.47936573e-02 2.29321529e-02
+    """
+    numerical, physical = cut_frame(two_floor_frame(hysteretic), 1, linear=not hysteretic)
+    joined = (PrakashHjelmstad() if coupling is None else coupling).joined(numerical, physical, dt)
+    steps = round(duration / dt)
+    return run_over(joined, pulse(np.arange(steps * joined.substeps + 1) * joined.fine.step))

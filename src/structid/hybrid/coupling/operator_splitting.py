@@ -1,0 +1,243 @@
+"""One part over one step: α-operator splitting, in which the restoring force is imposed once and read once.
+
+Sources: T. M. Hughes, K. S. Pister & R. L. Taylor (1979) for the splitting, H. M. Hilber, T. J. R. Hughes & R. L. Taylor (1977) for
+α, D. Combescure & P. Pegon (1997) for both in a pseudo-dynamic test; see docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from structid.hybrid.substructures.substructure import Substructure
+
+Imposing = Callable[[Any, Any], tuple[Any, Any]]
+"""``imposing(memory, displacement) -> (force, memory)``, as `RestoringForce.at`."""
+
+
+class PartState(NamedTuple):
+    """State of a part between two steps; arrays (dof,) or (dof, run).
+
+    Parameters
+    ----------
+    displacement, velocity, acceleration : array
+        u, v, a.
+    force : array
+        r, the restoring force at u as the splitting has it.
+    imposed, reading : array
+        ũ, at which the force was taken last, and r̃, which was found there.
+    memory : tree of arrays
+        Of the restoring force.
+    """
+
+    displacement: Any
+    velocity: Any
+    acceleration: Any
+    force: Any
+    imposed: Any
+    reading: Any
+    memory: Any
+
+
+class Link(NamedTuple):
+    """Linear response of a part to a change of the interface forces; arrays (dof,) or (dof, run), or (dof, interface) to one each.
+
+    Parameters
+    ----------
+    displacement, velocity, acceleration, force : array
+        Changes of u, v, a, r.
+    """
+
+    displacement: Any
+    velocity: Any
+    acceleration: Any
+    force: Any
+
+    def added_to(self, state: PartState, factor: Any = 1.0) -> PartState:
+        """Correct a state.
+
+        Parameters
+        ----------
+        state : PartState
+            After a free step.
+        factor : array, shape (interface,) or (interface, run), or 1
+            Change of the interface forces, for a response to one each.
+
+        Returns
+        -------
+        PartState
+            The sum.
+        """
+        u, v, a, r = (x if isinstance(factor, float) else x @ factor for x in self)
+        return state._replace(
+            displacement=state.displacement + u,
+            velocity=state.velocity + v,
+            acceleration=state.acceleration + a,
+            force=state.force + r,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class OperatorSplitting:
+    """α-operator splitting of one part with one step h: γ = ½ − α, β = (1 − α)²/4.
+
+        ũ = u + h v + h² (½ − β) a        ṽ = v + h (1 − γ) a        r̃ = r(ũ)
+        M̂ a₁ = (1+α) f₁ − α f₀ − (1+α) (C ṽ + r̃) + α (C v₀ + r₀) + Lᵀ [(1+α) Λ₁ − α Λ₀]
+        M̂ = M + (1+α) (γ h C + β h² K₀)
+        u₁ = ũ + β h² a₁        v₁ = ṽ + γ h a₁        r₁ = r̃ + K₀ (u₁ − ũ)
+
+    Λ is averaged like the forces: with Λ₁ alone and α ≠ 0 a coupled step is of first order. It is stable at any h while tangents
+    stay between 0 and K₀.
+
+    Parameters
+    ----------
+    part : Substructure
+        The part.
+    step : float
+        h [s].
+    alpha : float
+        α, from −1/3 to 0: below zero it damps high frequencies.
+    sign : float
+        Of the part's rows in Σ L v = 0.
+    """
+
+    part: Substructure
+    step: float
+    alpha: float = 0.0
+    sign: float = 1.0
+
+    @property
+    def gamma(self) -> float:
+        """γ = ½ − α."""
+        return 0.5 - self.alpha
+
+    @property
+    def beta(self) -> float:
+        """β = (1 − α)²/4."""
+        return 0.25 * (1.0 - self.alpha) ** 2
+
+    @cached_property
+    def rows(self) -> np.ndarray:
+        """L with its sign, shape (interface, dof)."""
+        return self.sign * np.asarray(self.part.interface)
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """Lᵀ, shape (dof, interface)."""
+        return np.ascontiguousarray(self.rows.T)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """M̂⁻¹, shape (dof, dof)."""
+        h, part = self.step, self.part
+        implicit = (1.0 + self.alpha) * (self.gamma * h * part.damping + self.beta * h**2 * part.stiffness)
+        return np.linalg.inv(part.mass + implicit)
+
+    @cached_property
+    def unit_link(self) -> Link:
+        """Response to a change of each interface force by one at the end of a step, from rest."""
+        h = self.step
+        a = (1.0 + self.alpha) * self.inverse @ self.columns
+        u = self.beta * h**2 * a
+        return Link(u, self.gamma * h * a, a, self.part.stiffness @ u)
+
+    def start(self, displacement: Any, base: Any) -> PartState:
+        """State before the first step, without interface forces.
+
+        Parameters
+        ----------
+        displacement : array, shape (dof,) or (dof, run)
+            Zeros, in the shape of what will come.
+        base : float
+            Acceleration of the base [m/s²].
+
+        Returns
+        -------
+        PartState
+            At rest: M a = −M ι a_g − r(0).
+        """
+        part = self.part
+        force, memory = part.force.begin(displacement)
+        acceleration = np.linalg.inv(part.mass) @ (self.load(base, displacement) - force)
+        return PartState(displacement, displacement, acceleration, force, displacement, force, memory)
+
+    def load(self, base: Any, like: Any) -> Any:
+        """−M ι a_g.
+
+        Parameters
+        ----------
+        base : float
+            a_g [m/s²].
+        like : array, shape (dof,) or (dof, run)
+            Of the shape that is wanted.
+
+        Returns
+        -------
+        array
+            [N].
+        """
+        load = self.part.base_load
+        return (load if like.ndim == 1 else load[:, None]) * base
+
+    def free(
+        self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
+    ) -> PartState:
+        """Take a step under known interface forces.
+
+        Parameters
+        ----------
+        state : PartState
+            Before it.
+        bases : array, shape (2,)
+            Accelerations of the base at its start and end [m/s²].
+        tractions : tuple of array, shape (interface,) or (interface, run)
+            Λ at its start and end [N].
+        imposing : callable, optional
+            What answers to ũ; the part's restoring force when left out.
+
+        Returns
+        -------
+        PartState
+            After it.
+        """
+        part, h, alpha = self.part, self.step, self.alpha
+        u, v, a = state.displacement, state.velocity, state.acceleration
+        predicted = u + h * v + h**2 * (0.5 - self.beta) * a
+        rate = v + h * (1.0 - self.gamma) * a
+        reading, memory = (imposing or part.force.at)(state.memory, predicted)
+        base = (1.0 + alpha) * bases[1] - alpha * bases[0]
+        traction = (1.0 + alpha) * tractions[1] - alpha * tractions[0]
+        right = self.load(base, u) + self.columns @ traction - (1.0 + alpha) * (part.damping @ rate + reading)
+        if alpha != 0.0:
+            right = right + alpha * (part.damping @ v + state.force)
+        acceleration = self.inverse @ right
+        correction = self.beta * h**2 * acceleration
+        return PartState(
+            predicted + correction,
+            rate + self.gamma * h * acceleration,
+            acceleration,
+            reading + part.stiffness @ correction,
+            predicted,
+            reading,
+            memory,
+        )
+
+    def virtually(self, state: PartState) -> Imposing:
+        """What would answer if the part were linear from now on: r + K₀ (ũ − u). Nothing moves.
+
+        Parameters
+        ----------
+        state : PartState
+            The last one whose force was read.
+
+        Returns
+        -------
+        callable
+            To be taken for `imposing`.
+        """
+        force, displacement, stiffness = state.force, state.displacement, self.part.stiffness
+        return lambda memory, imposed: (force + stiffness @ (imposed - displacement), memory)

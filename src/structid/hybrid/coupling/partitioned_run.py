@@ -1,0 +1,306 @@
+"""Two coupled parts over a record, and the histories of both on their two clocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.coupling.base import CoarseStep, CoupledState, Joined
+
+
+@dataclass(frozen=True, eq=False)
+class PartHistory:
+    """Motion of one part; see `PartState`.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    displacement, velocity, acceleration, force : ndarray, shape (time, dof)
+        u [m], v [m/s], a [m/s²], r [N].
+    imposed, reading : ndarray, shape (time, dof)
+        ũ, and the force r̃ that was found there.
+    """
+
+    time: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    force: np.ndarray
+    imposed: np.ndarray
+    reading: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseHistory:
+    """The structure at the end of every coarse step, first of all at rest.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    u, v, a : ndarray, shape (time, dof)
+        Displacement, velocity and acceleration of the degrees of freedom of the physical part, then of those of the numerical part
+        that are not at the interface.
+    traction : ndarray, shape (time, interface)
+        Λ [N].
+    gap : ndarray, shape (time,)
+        Difference of the displacements of both parts at the interface [m].
+    pseudo_energy : ndarray, shape (time,)
+        Of the interface in each step [W/s].
+    numerical, physical : PartHistory
+        Of the parts.
+    """
+
+    time: np.ndarray
+    u: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    traction: np.ndarray
+    gap: np.ndarray
+    pseudo_energy: np.ndarray
+    numerical: PartHistory
+    physical: PartHistory
+
+
+@dataclass(frozen=True, eq=False)
+class FineHistory:
+    """The fine part at the end of every fine step.
+
+    Parameters
+    ----------
+    part : PartHistory
+        Its motion. What the coupling adds at the end of a coarse step is in `CoarseHistory` and not here.
+    traction : ndarray, shape (time, interface)
+        Λ that it felt [N].
+    """
+
+    part: PartHistory
+    traction: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class PartitionedHistories:
+    """Histories on the two clocks.
+
+    Parameters
+    ----------
+    coarse : CoarseHistory
+        Of both parts.
+    fine : FineHistory
+        Of the fine part.
+    """
+
+    coarse: CoarseHistory
+    fine: FineHistory
+
+
+def steps_over(joined: Joined, start: CoupledState, base: np.ndarray) -> Iterator[CoarseStep]:
+    """Take every coarse step of a record.
+
+    Parameters
+    ----------
+    joined : Joined
+        The coupled structure.
+    start : CoupledState
+        Before the first step, from `Joined.start`, which reads a specimen once.
+    base : ndarray, shape (steps · ss + 1,)
+        Acceleration of the base at every fine step [m/s²].
+
+    Yields
+    ------
+    CoarseStep
+        One after the other.
+    """
+    state, count = start, joined.substeps
+    for first in range(0, len(base) - 1, count):
+        step = joined.step(state, base[first : first + count + 1])
+        yield step
+        state = step.state
+
+
+def base_of(record: GroundMotion, joined: Joined, duration: float | None = None) -> np.ndarray:
+    """Acceleration of the base at every fine step.
+
+    Parameters
+    ----------
+    record : GroundMotion
+        The record.
+    joined : Joined
+        Whose steps they are.
+    duration : float, optional
+        How much of it [s]; all when left out.
+
+    Returns
+    -------
+    ndarray, shape (steps · ss + 1,)
+        [m/s²].
+
+    Raises
+    ------
+    InputError
+        If not one coarse step fits into it.
+    """
+    length = record.duration if duration is None else duration
+    steps = int(np.floor(length / joined.dt + 1e-9))
+    if steps < 1:
+        raise InputError("dt", f"{joined.dt:g} s, and the record lasts {length:g} s", "a coarse step that fits into it")
+    return record.values_at(np.arange(steps * joined.substeps + 1) * joined.fine.step)
+
+
+@dataclass(frozen=True, eq=False)
+class StepFrame:
+    """How a step is written as one row of numbers, and how rows are read as histories.
+
+    Parameters
+    ----------
+    numerical_rows, physical_rows : ndarray, shape (interface, dof)
+        L of the parts, with their signs.
+    dt : float
+        Δt [s].
+    substeps : int
+        ss.
+    fine_is_physical : bool
+        Which part takes them.
+    """
+
+    numerical_rows: np.ndarray
+    physical_rows: np.ndarray
+    dt: float
+    substeps: int
+    fine_is_physical: bool
+
+    @classmethod
+    def of(cls, joined: Joined) -> StepFrame:
+        """Take that of coupled parts.
+
+        Parameters
+        ----------
+        joined : Joined
+            The parts.
+
+        Returns
+        -------
+        StepFrame
+            Of their steps.
+        """
+        return cls(joined.numerical.rows, joined.physical.rows, joined.dt, joined.substeps, joined.fine_is_physical)
+
+    @cached_property
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        interface, numerical = self.numerical_rows.shape
+        physical = self.physical_rows.shape[1]
+        return {
+            "numerical": (6, numerical),
+            "physical": (6, physical),
+            "traction": (interface,),
+            "pseudo_energy": (1,),
+            "fine": (6, self.substeps, physical if self.fine_is_physical else numerical),
+            "fine_traction": (self.substeps, interface),
+        }
+
+    @cached_property
+    def width(self) -> int:
+        """Numbers in a row."""
+        return sum(math.prod(shape) for shape in self._shapes.values())
+
+    def row_of(self, step: CoarseStep) -> np.ndarray:
+        """Write a step.
+
+        Parameters
+        ----------
+        step : CoarseStep
+            That was taken.
+
+        Returns
+        -------
+        ndarray, shape (width,)
+            All of it but the memories of the laws.
+        """
+        state = step.state
+        parts = (*state.numerical[:6], *state.physical[:6], state.traction, np.atleast_1d(step.pseudo_energy))
+        return np.concatenate([np.ravel(x) for x in (*parts, *step.fine.part[:6], step.fine.traction)])
+
+    def start_of(self, start: CoupledState) -> np.ndarray:
+        """Write the state before the first step, as a step in which nothing fine has happened.
+
+        Parameters
+        ----------
+        start : CoupledState
+            At rest.
+
+        Returns
+        -------
+        ndarray, shape (width,)
+            Its row.
+        """
+        known = np.concatenate([np.ravel(x) for x in (*start.numerical[:6], *start.physical[:6], start.traction)])
+        return np.concatenate([known, np.zeros(self.width - len(known))])
+
+    def histories(self, rows: np.ndarray) -> PartitionedHistories:
+        """Read rows.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (1 + step, width)
+            The start and the steps after it.
+
+        Returns
+        -------
+        PartitionedHistories
+            On both clocks.
+        """
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])[:-1]
+        pieces = zip(self._shapes.items(), np.split(rows, ends, axis=1), strict=True)
+        read = {name: piece.reshape(len(rows), *shape) for (name, shape), piece in pieces}
+        time = np.arange(len(rows)) * self.dt
+        numerical, physical = (PartHistory(time, *np.moveaxis(read[name], 1, 0)) for name in ("numerical", "physical"))
+        inner = ~np.any(self.numerical_rows != 0.0, axis=0)
+
+        def of_both(name: str) -> np.ndarray:
+            return np.concatenate([getattr(physical, name), getattr(numerical, name)[:, inner]], axis=1)
+
+        apart = numerical.displacement @ self.numerical_rows.T + physical.displacement @ self.physical_rows.T
+        coarse = CoarseHistory(
+            time,
+            of_both("displacement"),
+            of_both("velocity"),
+            of_both("acceleration"),
+            read["traction"],
+            np.abs(apart).max(axis=1),
+            read["pseudo_energy"][:, 0],
+            numerical,
+            physical,
+        )
+        fine_time = np.arange(1, (len(rows) - 1) * self.substeps + 1) * self.dt / self.substeps
+        within, tractions = read["fine"][1:], read["fine_traction"][1:]
+        columns = np.moveaxis(within, 1, 0).reshape(6, len(fine_time), within.shape[-1])
+        tractions = tractions.reshape(len(fine_time), tractions.shape[-1])
+        return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
+
+
+def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
+    """Run both parts over a record.
+
+    Parameters
+    ----------
+    joined : Joined
+        The coupled structure.
+    base : ndarray, shape (steps · ss + 1,)
+        Acceleration of the base at every fine step [m/s²].
+
+    Returns
+    -------
+    PartitionedHistories
+        On both clocks.
+    """
+    start, frame = joined.start(base[0]), StepFrame.of(joined)
+    return frame.histories(
+        np.stack([frame.start_of(start), *(frame.row_of(step) for step in steps_over(joined, start, base))])
+    )

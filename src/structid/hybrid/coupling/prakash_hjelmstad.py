@@ -1,0 +1,172 @@
+"""The coupling of Prakash and Hjelmstad: velocities continuous at coarse steps, interface forces linear within them.
+
+Source: A. Prakash & K. D. Hjelmstad (2004, Int. J. Numer. Meth. Eng. 61, 2183). What a fine specimen needs is ours: interface
+forces that are guessed before it moves, see `PrakashHjelmstad`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+from structid.engine.array_module import namespace
+from structid.engine.sequence import in_sequence
+from structid.hybrid.coupling.base import CoarseStep, CoupledState, Coupling, Joined, inverse_of, splittings
+from structid.hybrid.coupling.operator_splitting import Imposing, Link, PartState
+from structid.hybrid.substructures.substructure import Substructure
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class PrakashHjelmstad(Coupling):
+    """Velocities of both parts agree at the end of a coarse step; Λ is linear within it, and averaged like other forces.
+
+    1. Guess Λ*. A takes a free step under Λ*, B takes ss free steps under Λ_n + (j/ss) (Λ* − Λ_n).
+    2. Y = (u, v, a, r) of B after ss steps from rest under Λ = j/ss with K₀; H = (1+α) γ Δt L_A M̂_A⁻¹ L_Aᵀ + L_B Y_v.
+    3. δΛ = −H⁻¹ Σ L v;  Λ = Λ* + δΛ;  A gets its link of δΛ, B gets Y δΛ.
+
+    For linear parts any guess gives the same answer. A nonlinear fine part has felt Λ* and not Λ, so the guess comes from a virtual
+    step: from Λ* = Λ_n with r_last + K₀ (u − u_last), without any motion. For a specimen that has softened it adds a spurious
+    damping, see `structid.hybrid.coupling.stability`.
+
+    Parameters
+    ----------
+    substeps : int
+        ss, steps of the fine part within one of the coarse part.
+    fine : {"numerical", "physical"}
+        Which part takes them. A fine specimen moves continuously, one step of its controller at a time; a coarse one by ramp and
+        hold.
+    alpha : float
+        α from −1/3 to 0; below zero it damps high frequencies.
+    """
+
+    alpha: float = 0.0
+
+    def __post_init__(self) -> None:
+        Coupling.__post_init__(self)
+        if not -1.0 / 3.0 <= self.alpha <= 0.0:
+            raise InputError("PrakashHjelmstad.alpha", f"{self.alpha:g}", "a number from -1/3 to 0")
+
+    def joined(self, numerical: Substructure, physical: Substructure, dt: float) -> JoinedAtCoarseSteps:
+        """Prepare two parts; see `Coupling.joined`.
+
+        Parameters
+        ----------
+        numerical, physical : Substructure
+            The parts.
+        dt : float
+            Δt [s].
+
+        Returns
+        -------
+        JoinedAtCoarseSteps
+            The coupled structure.
+        """
+        coarse, fine = splittings(numerical, physical, dt, self, self.alpha)
+        virtual = not fine.part.linear and self.substeps > 1
+        return JoinedAtCoarseSteps(coarse, fine, self.fine == "physical", self.substeps, virtual=virtual)
+
+
+@dataclass(frozen=True, eq=False)
+class JoinedAtCoarseSteps(Joined):
+    """Two parts whose velocities agree at the end of every coarse step; see `PrakashHjelmstad`.
+
+    Parameters
+    ----------
+    coarse, fine, fine_is_physical, substeps, keeps_fine
+        See `Joined`.
+    virtual : bool
+        Whether Λ* is guessed by a virtual step.
+    """
+
+    virtual: bool = False
+
+    @property
+    def guesses_for_specimen(self) -> bool:
+        """Whether the specimen moves under interface forces that were guessed; see `Joined.guesses_for_specimen`."""
+        return self.virtual and self.fine_is_physical
+
+    @cached_property
+    def response(self) -> Link:
+        """Y: response of B to interface forces that grow from 0 to one each over its ss steps, with K₀."""
+        linear = self.fine
+        size = len(linear.rows)
+        at_rest = np.zeros((linear.part.dofs, size))
+        state = PartState(at_rest, at_rest, at_rest, at_rest, at_rest, at_rest, ())
+        tractions = [share * np.eye(size) for share in (0.0, *self.shares)]
+        for before, after in itertools.pairwise(tractions):
+            state = linear.free(state, (0.0, 0.0), (before, after), linear.virtually(state))
+        return Link(state.displacement, state.velocity, state.acceleration, state.force)
+
+    @cached_property
+    def inverse(self) -> np.ndarray:
+        """H⁻¹, shape (interface, interface)."""
+        return inverse_of(self.coarse.rows @ self.coarse.unit_link.velocity + self.fine.rows @ self.response.velocity)
+
+    def step(self, state: CoupledState, bases: Any) -> CoarseStep:
+        """Take a coarse step; see `Joined.step`.
+
+        Parameters
+        ----------
+        state : CoupledState
+            Before it.
+        bases : array, shape (ss + 1,)
+            Of the base [m/s²].
+
+        Returns
+        -------
+        CoarseStep
+            What happened.
+        """
+        before, traction = self.parts_of(state), state.traction
+        guess = self._guessed(before, traction, bases) if self.virtual else traction
+        coarse = self.coarse.free(before[0], bases[:: self.substeps], (traction, guess))
+        fine, within = self._freely(before[1], bases, (traction, guess))
+        change = -self.inverse @ self.missed_velocity(coarse, fine)
+        coarse, fine = self.coarse.unit_link.added_to(coarse, change), self.response.added_to(fine, change)
+        after = self.state_of(coarse, fine, guess + change)
+        gained = self.missed_velocity(coarse, fine) - self.missed_velocity(*before)
+        return CoarseStep(after, within, (gained * (after.traction - traction)).sum(axis=0) / self.dt)
+
+    def _guessed(self, before: tuple[PartState, PartState], traction: Any, bases: Any) -> Any:
+        """Λ* of a virtual step from Λ* = Λ_n, in which both parts answer linearly and nothing moves."""
+        xp = namespace(traction)
+        coarse, fine, shaking, pulling = self.foreseen
+        shaken = shaking @ bases
+        missed = coarse @ xp.concatenate(before[0][:4]) + fine @ xp.concatenate(before[1][:4]) + pulling @ traction
+        return traction - self.inverse @ (missed + (shaken if missed.ndim == 1 else shaken[:, None]))
+
+    @cached_property
+    def foreseen(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Σ L v at the end of a virtual step, which is linear: of (u, v, a, r) of A and of B, of the base, and of Λ_n."""
+        sizes = [self.coarse.part.dofs] * 4 + [self.fine.part.dofs] * 4 + [self.substeps + 1, len(self.coarse.rows)]
+        units = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
+        coarse, fine = (PartState(u, v, a, r, u, r, ()) for u, v, a, r in (units[:4], units[4:8]))
+        bases, pair = units[8], (units[9], units[9])
+        moved = self.coarse.free(coarse, bases[:: self.substeps], pair, self.coarse.virtually(coarse))
+        missed = self.missed_velocity(moved, self._freely(fine, bases, pair, self.fine.virtually(fine))[0])
+        ends = np.cumsum([sum(sizes[:4]), sum(sizes[4:8]), sizes[8]])
+        whole = np.split(missed, ends, axis=1)
+        return whole[0], whole[1], whole[2], whole[3]
+
+    def _freely(
+        self, state: PartState, bases: Any, tractions: tuple[Any, Any], imposing: Imposing | None = None
+    ) -> tuple[PartState, Any]:
+        """Step B under interface forces that change linearly."""
+        first, change = tractions[0], tractions[1] - tractions[0]
+
+        def step(carried: PartState, row: Any) -> tuple[PartState, Any]:
+            base, share = row
+            before, after = first + (share - 1.0 / self.substeps) * change, first + share * change
+            moved = self.fine.free(carried, base, (before, after), imposing)
+            return moved, self.seen(moved, after)
+
+        pairs = namespace(state.velocity).stack([bases[:-1], bases[1:]], axis=1)
+        found: tuple[PartState, Any] = in_sequence(step, state, (pairs, self.shares))
+        return found

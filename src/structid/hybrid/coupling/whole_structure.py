@@ -1,0 +1,101 @@
+"""Both parts as one linear structure: its modes, the specimen's share in each, its critical delay."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy
+
+from structid.hybrid.control.delay import CriticalDelay, critical_delay_of, growing_oscillations
+from structid.hybrid.coupling.base import Joined
+
+
+@dataclass(frozen=True, eq=False)
+class WholeStructure:
+    """Parts that are tied at their interface, in degrees of freedom of the whole.
+
+    Parameters
+    ----------
+    mass, damping : ndarray, shape (dof, dof)
+        M [kg] and C [N s/m].
+    numerical, physical : ndarray, shape (dof, dof)
+        Initial stiffnesses of the parts [N/m].
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    numerical: np.ndarray
+    physical: np.ndarray
+
+    @classmethod
+    def of(cls, joined: Joined) -> WholeStructure:
+        """Tie both parts: all displacements that satisfy Σ L u = 0.
+
+        Parameters
+        ----------
+        joined : Joined
+            The coupled parts.
+
+        Returns
+        -------
+        WholeStructure
+            Of their initial stiffness.
+        """
+        sides = joined.numerical, joined.physical
+        basis = scipy.linalg.null_space(np.concatenate([s.rows for s in sides], axis=1))
+        maps = np.split(basis, [sides[0].part.dofs])
+
+        def tied(name: str) -> np.ndarray:
+            """Of both parts, shape (part, dof, dof)."""
+            return np.stack([z.T @ getattr(s.part, name) @ z for s, z in zip(sides, maps, strict=True)])
+
+        return cls(tied("mass").sum(axis=0), tied("damping").sum(axis=0), *tied("stiffness"))
+
+    @cached_property
+    def _modes(self) -> tuple[np.ndarray, np.ndarray]:
+        """ω² and mass-orthonormal shapes."""
+        squares, shapes = scipy.linalg.eigh(self.numerical + self.physical, self.mass)
+        return np.maximum(squares, 0.0), shapes
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """ω of every mode [rad/s], rising."""
+        return np.asarray(np.sqrt(self._modes[0]))
+
+    @property
+    def damping_ratios(self) -> np.ndarray:
+        """ζ of every mode, from φᵀ C φ = 2 ζ ω."""
+        shapes = self._modes[1]
+        diagonal = np.einsum("im,ij,jm->m", shapes, self.damping, shapes)
+        return np.asarray(diagonal / (2.0 * np.maximum(self.frequencies, np.finfo(float).tiny)))
+
+    @property
+    def shares(self) -> np.ndarray:
+        """P of every mode: φᵀ K_P φ / ω², the specimen's share of its stiffness."""
+        squares, shapes = self._modes
+        return np.asarray(
+            np.einsum("im,ij,jm->m", shapes, self.physical, shapes) / np.maximum(squares, np.finfo(float).tiny)
+        )
+
+    @cached_property
+    def critical_delay(self) -> CriticalDelay:
+        """The shortest delay at which an oscillation no longer decays."""
+        return critical_delay_of(self.mass, self.damping, self.numerical, self.physical)
+
+    def growing_oscillations(self, factor: Callable[[float], complex]) -> int:
+        """Count the oscillations that grow where the specimen's force comes multiplied by G.
+
+        Parameters
+        ----------
+        factor : callable
+            G of a frequency [rad/s] in simulated time.
+
+        Returns
+        -------
+        int
+            See `structid.hybrid.control.delay.growing_oscillations`.
+        """
+        return growing_oscillations(self.mass, self.damping, self.numerical, self.physical, factor)

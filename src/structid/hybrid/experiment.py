@@ -1,0 +1,383 @@
+"""A hybrid test: two parts, a specimen, a record; what it can do is said before, and what happened afterwards."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import InputError, StructidWarning
+from structid.core.validation import check_arguments
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.control.compensation import Compensation
+from structid.hybrid.control.motion import ITS_OWN_RAMP, Motion, continuous_motion, ramp_and_hold
+from structid.hybrid.control.tracking import STIFFER, largest_secant
+from structid.hybrid.control.transfer_system import Actuator
+from structid.hybrid.coupling.base import CoarseStep, Coupling, Joined
+from structid.hybrid.coupling.partitioned_run import StepFrame, base_of, steps_over
+from structid.hybrid.coupling.prakash_hjelmstad import PrakashHjelmstad
+from structid.hybrid.feasibility import Feasibility, Plan, VirtualMoves, judged
+from structid.hybrid.hybrid_result import Event, HybridResult
+from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+from structid.hybrid.laboratory.specimen import Specimen, SpecimenDescription, SpecimenError
+from structid.hybrid.laboratory.specimen_force import Move, SpecimenForce
+from structid.hybrid.online.unscented_filter import UnscentedFilter
+from structid.hybrid.recording.recorder import Recorder, RecordingError, journal_of, recorded, tails_of
+from structid.hybrid.recording.result_file import About, save
+from structid.hybrid.substructures.substructure import Substructure
+from structid.mechanics.restoring_forces import CollapseError
+
+NEVER_RESUMED = "A test on a structure is never resumed: it has damage, and cannot be moved back to where a step began."
+
+INTERFACE_SHARE = 0.5
+"""Of the numerical part's mass at the interface that belongs to a physical part of which nothing is said."""
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class HybridTest:
+    """A pseudo-dynamic hybrid test with substructures.
+
+    Parameters
+    ----------
+    numerical : Substructure
+        The part in the computer.
+    specimen : Specimen
+        The part in the laboratory, or a program in its place.
+    record : GroundMotion
+        What shakes both.
+    dt : float
+        Coarse step Δt [s] of simulated time.
+    time_scale : float
+        λ, wall time over simulated time.
+    coupling : Coupling, optional
+        `PrakashHjelmstad` without substeps when left out. A coarse specimen moves by ramp and hold, or by its own ramp if it takes
+        one place a move; a fine one continuously, a fine step in λ Δt/ss, which must be a whole number of its controller steps.
+    compensation : Compensation, optional
+        Of the delay of the transfer system.
+    physical : Substructure, optional
+        Mass, damping, K₀ and influence of the specimen's part, and in ``restoring_force`` what it is expected to answer, for the
+        check beforehand. When left out: the specimen's channels are the interface, its stiffness is what it tells, and half of the
+        numerical part's mass there belongs to it.
+    geometry : array-like, shape (channel, dof), optional
+        B of the channels' displacements B u; one channel for each degree of freedom of the physical part when left out.
+    duration : float, optional
+        How much of the record [s]; all when left out.
+    force_correction : bool
+        Whether r + K₀ (ũ − u_m) is taken for the force. It is exact for a linear specimen, and adds damping (K₀ − K_t) τ/λ to one
+        that has softened.
+    online : UnscentedFilter, optional
+        Follows the parameters of a specimen of one channel while the test runs.
+
+    Examples
+    --------
+    >>> from structid.hybrid.coupling.coupling_benchmark import LAW, two_floor_frame
+    >>> from structid.hybrid.substructures.frame_parts import cut_frame
+    >>> from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+    >>> upper, lower = cut_frame(two_floor_frame(hysteretic=True), 1)
+    >>> record = GroundMotion.synthetic(seed=1).trim(2.0, 3.0).scale_to_pga(2.0)
+    >>> test = HybridTest(upper, SimulatedSpecimen(lower.force), record, dt=0.01, time_scale=100.0, physical=lower)
+    >>> test.check().can_work
+    True
+    >>> print(test.run())
+    HybridResult: 100 of 100 steps, 1 s of simulated time, finished
+    """
+
+    numerical: Substructure
+    specimen: Specimen
+    record: GroundMotion
+    dt: float
+    time_scale: float
+    coupling: Coupling = field(default_factory=PrakashHjelmstad)
+    compensation: Compensation | None = None
+    physical: Substructure | None = None
+    geometry: np.ndarray | None = None
+    duration: float | None = None
+    force_correction: bool = False
+    online: UnscentedFilter | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.time_scale) and self.time_scale > 0.0):
+            raise InputError("HybridTest.time_scale", f"{self.time_scale!r}", "a positive number")
+        if self.online is not None and len(self._description.channels) > 1:
+            raise InputError(
+                "HybridTest.online", f"a filter for {len(self._description.channels)} channels", "one channel"
+            )
+        if self.compensation is not None and self.compensation.learns and not self._motion.samples == 1:
+            raise InputError(
+                "HybridTest.compensation",
+                f"a {type(self.compensation).__name__} with {self._motion.samples} controller steps a move",
+                "a fine specimen with one controller step a fine step: it learns from every one",
+                f"Take substeps={round(self.time_scale * self.dt / self._description.controller_step)}, fine=\"physical\".",
+            )  # fmt: skip
+
+    # --- what it is made of -------------------------------------------------------------------------------------
+
+    @cached_property
+    def _description(self) -> SpecimenDescription:
+        return self.specimen.describe()
+
+    @cached_property
+    def _parts(self) -> tuple[Substructure, Substructure]:
+        """Numerical and physical part."""
+        if self.physical is not None:
+            return self.numerical, self.physical
+        told, rows = self._description.stiffness, np.asarray(self.numerical.interface)
+        if told is None or len(told) != len(rows):
+            raise InputError(
+                "HybridTest.physical", "nothing", "a Substructure with mass, damping and K₀ of the specimen's part",
+                "It may be left out for a specimen that tells its stiffness and has one channel for each row of the interface.",
+            )  # fmt: skip
+        shared = INTERFACE_SHARE * rows @ self.numerical.mass @ rows.T
+        rest = replace(self.numerical, mass=self.numerical.mass - rows.T @ shared @ rows)
+        return rest, Substructure(
+            shared, 0.0 * shared, np.array(told), list(range(len(told))), name=self._description.name
+        )
+
+    @cached_property
+    def _geometry(self) -> np.ndarray:
+        """B, shape (channel, dof)."""
+        channels, dofs = len(self._description.channels), self._parts[1].dofs
+        if self.geometry is None and channels == dofs:
+            return np.eye(dofs)
+        given = None if self.geometry is None else np.asarray(self.geometry, dtype=np.float64)
+        if given is None or given.shape != (channels, dofs):
+            came = "nothing" if given is None else f"an array of shape {given.shape}"
+            raise InputError("HybridTest.geometry", came, f"({channels} channels, {dofs} degrees of freedom)")
+        return given
+
+    @cached_property
+    def _motion(self) -> Motion:
+        wall, step = self.time_scale * self.dt, self._description.controller_step
+        if self.coupling.fine != "physical" and self._description.longest_path == 1:
+            return ITS_OWN_RAMP
+        if self.coupling.fine == "physical":
+            return continuous_motion(wall / self.coupling.substeps, step)
+        return ramp_and_hold(wall, step)
+
+    def _joined(self, force: SpecimenForce) -> Joined:
+        numerical, physical = self._parts
+        return self.coupling.joined(numerical, replace(physical, restoring_force=force), self.dt)
+
+    def _force(self, specimen: Specimen, moved: Callable[[Move], None] | None = None) -> SpecimenForce:
+        step = self._description.controller_step
+        begun = (
+            None if self.compensation is None else self.compensation.begin(len(self._geometry), step, self.time_scale)
+        )
+        correction = self._parts[1].stiffness if self.force_correction else None
+        return SpecimenForce(specimen, self._geometry, self._motion, begun, correction, moved)
+
+    def _seeing(self, moves: list[Move]) -> Callable[[Move], None]:
+        """Keep every move, and show it to the filter."""
+        online = self.online
+        if online is None:
+            return moves.append
+
+        def seen(move: Move) -> None:
+            moves.append(move)
+            online.see(float(move.measured[0]), float(move.force[0]))
+
+        return seen
+
+    # --- before and during --------------------------------------------------------------------------------------
+
+    def check(self) -> Feasibility:
+        """Say whether the test can work, from its parts and from a virtual run; nothing moves.
+
+        Returns
+        -------
+        Feasibility
+            Its figures, what cannot work, and what one should know.
+
+        Raises
+        ------
+        InputError
+            If parts, record, geometry or steps do not fit together.
+        """
+        return self._checked
+
+    @cached_property
+    def _checked(self) -> Feasibility:
+        """The check, which is asked for once by itself and once by the run."""
+        joined = self._joined(self._force(self.specimen)).of_parts(*self._parts)
+        base = base_of(self.record, joined, self.duration)
+        with np.errstate(over="ignore", invalid="ignore"):  # steps that grow without bound are refused
+            virtual = self._virtual_moves(joined, base)
+        plan = Plan(joined, self._description, self._geometry, self._motion, self.compensation, self.time_scale)
+        return judged(plan, virtual, (len(base) - 1) // joined.substeps)
+
+    def _virtual_moves(self, joined: Joined, base: np.ndarray) -> VirtualMoves:
+        """What the specimen will go through, with the force that is expected of it.
+
+        A continuous motion is read late, and what is late, compensated or not, is commanded other moves: then it is a simulated
+        specimen behind a transfer system with the delays of this one.
+        """
+        channels, geometry = self._description.channels, self._geometry
+        late = self._motion.continuous and any(channel.delay for channel in channels)
+        if not (late and np.array_equal(geometry, np.eye(len(channels)))):
+            taken, collapse = _taken_virtually(joined, base)
+            moved = _imposed(joined, taken)
+            return VirtualMoves(moved[0] @ geometry.T, moved[1] @ np.linalg.pinv(geometry), collapse)
+        specimen = SimulatedSpecimen(
+            self._parts[1].force, [Actuator(delay=channel.delay) for channel in channels],
+            channels=[channel.name for channel in channels], units=[channel.unit for channel in channels],
+            controller_step=self._description.controller_step,
+        )  # fmt: skip
+        moves: list[Move] = []
+        _, collapse = _taken_virtually(self._joined(self._force(specimen, moves.append)), base)
+        return VirtualMoves(np.stack([m.target for m in moves]), np.stack([m.force for m in moves]), collapse)
+
+    def run(self, store: str | os.PathLike[str] | None = None, *, resume: bool = False) -> HybridResult:
+        """Run the test.
+
+        Whatever ends it early, a refused move, a silent specimen, a full disk or Ctrl-C, the specimen holds its position, and every
+        finished step is in the result and in the store.
+
+        Parameters
+        ----------
+        store : path-like, optional
+            HDF5 file of the result. Until the test has ended, its recording is beside it, from which `open_hybrid` reads it too.
+        resume : bool
+            Whether to go on with a simulated test that was cut off. A fresh specimen is moved through all steps again; they must
+            come out as they were, to the last bit.
+
+        Returns
+        -------
+        HybridResult
+            What happened.
+
+        Raises
+        ------
+        InputError
+            If the check says that it cannot work, if the store exists, or if a test on a structure is to be resumed; nothing has
+            moved then.
+        """
+        checked = self.check()
+        if not checked.can_work:
+            raise InputError(
+                "HybridTest",
+                " ".join(checked.refusals).removesuffix("."),
+                "a test that can work",
+                "See HybridTest.check().",
+            )
+        return self._run_unchecked(checked, None if store is None else Path(store), resume)
+
+    def _run_unchecked(
+        self, checked: Feasibility | None = None, store: Path | None = None, resume: bool = False
+    ) -> HybridResult:
+        """Run also what cannot work; virtual specimens bear it."""
+        checked = self.check() if checked is None else checked
+        moves: list[Move] = []
+        if self.online is not None:
+            self.online.begin(0.0 if self._description.datum is None else self._description.datum[0])
+        joined = self._joined(self._force(self.specimen, self._seeing(moves)))
+        about = About(
+            self._description,
+            checked,
+            self.record,
+            StepFrame.of(joined),
+            joined.substeps if joined.fine_is_physical else 1,
+        )
+        earlier = self._earlier(store) if resume and store is not None else None
+        recorder = None if store is None else Recorder(store, about.to_plain(), about.width)
+        rows, events = self._taken(joined, about, moves, recorder, earlier)
+        result = about.result(rows, events)
+        back = np.linalg.pinv(self._geometry)
+        seen = result.moves
+        stiffer = largest_secant(seen.measured, seen.target, seen.force, back.T @ self._parts[1].stiffness @ back)
+        if stiffer > STIFFER:
+            said = f"The specimen was {stiffer:.3g} times as stiff as K₀, which must be its largest tangent: steps may be unstable."
+            warnings.warn(said, StructidWarning, stacklevel=4)
+            events.insert(0, Event(result.steps * self.dt, said))  # what ended the test comes last
+        path = None if self.online is None else self.online.path()
+        result = replace(result, events=tuple(events), stiffness_ratio=stiffer, online=path)
+        if recorder is not None and store is not None:
+            result = _stored(result, recorder, store)
+        return result
+
+    def _taken(
+        self, joined: Joined, about: About, moves: list[Move], recorder: Recorder | None, earlier: np.ndarray | None
+    ) -> tuple[np.ndarray, list[Event]]:
+        """Take all steps; rows of the finished ones, and what ended them."""
+        base = base_of(self.record, joined, self.duration)
+        rows: list[np.ndarray] = []
+        known = 0
+
+        def keep(step: np.ndarray) -> None:
+            nonlocal known
+            rows.append(about.row(step, moves[known:]))
+            known = len(moves)
+            number = len(rows) - 1
+            if earlier is not None and number < len(earlier) and not np.array_equal(rows[-1], earlier[number], True):
+                came = f"step {number} comes out otherwise than before"
+                raise InputError("HybridTest.run", came, "the same test and specimen, from the start")
+            if recorder is not None:
+                recorder.add(rows[-1])
+
+        try:
+            start = joined.start(base[0])
+            keep(about.frame.start_of(start))
+            for step in steps_over(joined, start, base):
+                keep(about.frame.row_of(step))
+            return np.stack(rows), []
+        except (SpecimenError, RecordingError) as error:
+            said = str(error)
+        except KeyboardInterrupt:
+            said = "It was stopped from the keyboard."
+        self.specimen.hold(said)
+        return np.reshape(rows, (len(rows), about.width)), [Event(max(len(rows) - 1, 0) * self.dt, said)]
+
+    def _earlier(self, store: Path) -> np.ndarray | None:
+        """Rows of a simulated test that was cut off; its recording is put aside."""
+        if not journal_of(store).exists():
+            return None
+        if not self._description.simulated:
+            raise InputError(
+                "HybridTest.run", f"a test on '{self._description.name}' that was cut off", "a simulated specimen",
+                NEVER_RESUMED,
+            )  # fmt: skip
+        rows = recorded(store)[1]
+        for path in (journal_of(store), *tails_of(store)):
+            path.replace(path.with_name(path.name + ".before"))
+        return rows
+
+
+def _stored(result: HybridResult, recorder: Recorder, store: Path) -> HybridResult:
+    """Put a recording into its store, where the disk lets it."""
+    recorder.close()
+    try:
+        save(result, store)
+    except OSError as error:
+        said = f"{store} could not be written: {error.strerror or error}. Its recording is beside it, and open_hybrid reads it."
+        return replace(
+            result, events=(Event(float(result.coarse.time[-1]) if result.histories else 0.0, said), *result.events)
+        )
+    recorder.remove()
+    for path in (journal_of(store), *tails_of(store)):
+        path.with_name(path.name + ".before").unlink(missing_ok=True)
+    return result
+
+
+def _taken_virtually(joined: Joined, base: np.ndarray) -> tuple[list[CoarseStep], str]:
+    """Steps of a run with the force that is expected of the specimen, and how that failed; empty where it did not."""
+    taken: list[CoarseStep] = []
+    try:
+        for step in steps_over(joined, joined.start(base[0]), base):
+            taken.append(step)
+    except (CollapseError, SpecimenError) as collapse:
+        return taken, f"In the virtual run the specimen fails at {len(taken) * joined.dt:.3g} s: {collapse}."
+    return taken, ""
+
+
+def _imposed(joined: Joined, taken: list[CoarseStep]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the physical part was moved to, and what it answered, shape (move, dof)."""
+    if joined.fine_is_physical:
+        parts = [step.fine.part for step in taken]
+        return np.concatenate([p.imposed for p in parts]), np.concatenate([p.reading for p in parts])
+    states = [step.state.physical for step in taken]
+    return np.stack([s.imposed for s in states]), np.stack([s.reading for s in states])

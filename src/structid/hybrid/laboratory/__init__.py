@@ -1,0 +1,1 @@
+"""Specimens: simulated, in another process, or behind a laboratory's server."""

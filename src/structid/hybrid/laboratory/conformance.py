@@ -1,0 +1,408 @@
+"""Thirty checks of a server that speaks the specimen's protocol: what it must answer, and what it must not obey.
+
+The only motions asked for are to stay at zero, and one beyond a limit, which must be refused. A specimen that tells no limit is not
+asked.
+At the end the specimen holds its position for good, as it must after a refused move. Start the server again before a test.
+"""
+
+from __future__ import annotations
+
+import hmac
+import secrets
+import socket
+import time
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.validation import check_arguments
+from structid.hybrid.laboratory.server import parsed_address
+from structid.hybrid.laboratory.specimen import SpecimenError
+from structid.hybrid.laboratory.wire import (
+    HEADER,
+    LARGEST_PAYLOAD,
+    MAGIC,
+    NONCE,
+    VERSION,
+    Frame,
+    Hello,
+    Kind,
+    Welcome,
+    WireError,
+    checked_secret,
+    greeting_key,
+    packed,
+    packed_move,
+    read_json,
+    read_reading,
+    received,
+    session_key,
+)
+
+PATIENCE = 3.0
+"""How long an answer, or the end of a connection, may take [s]."""
+GRACE = 0.5
+"""How much longer than its watchdog a server may take to end a session [s]."""
+
+
+class Finding(NamedTuple):
+    """One check.
+
+    Parameters
+    ----------
+    what : str
+        What the server must do.
+    passed : bool
+        Whether it does.
+    came : str
+        What it did instead; empty where it passed.
+    """
+
+    what: str
+    passed: bool
+    came: str = ""
+
+
+class _Failed(Exception):
+    """What a server did instead."""
+
+
+class _Peer:
+    """A client that may say anything."""
+
+    def __init__(self, where: tuple[str, int], secret: bytes) -> None:
+        self.where, self.secret, self.key = where, secret, greeting_key(secret)
+        self.connection = socket.create_connection(where, PATIENCE)
+        self.connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.sequence = 0
+        self.welcome: Welcome | None = None
+
+    def __enter__(self) -> _Peer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.connection.close()
+
+    def say(self, message: bytes) -> None:
+        """Send any bytes."""
+        self.connection.sendall(message)
+
+    def hear(self, key: bytes | None = None) -> Frame:
+        """Wait for a frame."""
+        frame = received(self.connection, key or self.key, PATIENCE)
+        if frame is None:
+            raise _Failed("it closed the connection")
+        return frame
+
+    def greet(self, nonce: bytes | None = None) -> _Peer:
+        """Open a session."""
+        own = nonce or secrets.token_bytes(NONCE)
+        self.say(hello(own, greeting_key(self.secret)))
+        frame = self.hear()
+        if frame.kind is not Kind.WELCOME:
+            raise _Failed(f"it answered {frame.kind.name}: {frame.payload.decode('utf-8', 'replace')}")
+        self.welcome = read_json(Welcome, frame.payload)
+        self.key = session_key(self.secret, own, bytes.fromhex(self.welcome.nonce))
+        return self
+
+    def ask(self, kind: Kind, payload: bytes = b"") -> Frame:
+        """Send the next request of a session, and wait for its answer."""
+        self.sequence += 1
+        self.say(packed(Frame(kind, self.sequence, payload), self.key))
+        answer = self.hear()
+        if answer.sequence != self.sequence:
+            raise _Failed(f"the answer to {self.sequence} has the number {answer.sequence}")
+        return answer
+
+    def expect_end(self, patience: float = PATIENCE) -> None:
+        """Demand that the server says nothing more, and ends the connection."""
+        self.connection.settimeout(patience)
+        try:
+            if self.connection.recv(1):
+                raise _Failed("it answered")
+        except TimeoutError:
+            raise _Failed(f"the connection stands after {patience:g} s") from None
+        except OSError:
+            return
+
+
+def hello(nonce: bytes, key: bytes, sequence: int = 0) -> bytes:
+    """Write a HELLO.
+
+    Parameters
+    ----------
+    nonce : bytes
+        Of the client.
+    key : bytes
+        Of its tag.
+    sequence : int
+        Its number.
+
+    Returns
+    -------
+    bytes
+        The frame.
+    """
+    return packed(
+        Frame(Kind.HELLO, sequence, Hello(nonce=nonce.hex(), software="conformance").model_dump_json().encode()), key
+    )
+
+
+_Open = Callable[[], _Peer]
+_Check = tuple[str, Callable[[], None]]
+_Message = Callable[[_Peer], bytes]
+
+
+def _headed(key: bytes, *fields: object) -> bytes:
+    """A frame of any head, with a valid tag and no payload."""
+    head = HEADER.pack(*fields)
+    return head + hmac.digest(key, head, "sha256")
+
+
+def _dropped_at_once(new: _Open, message: _Message) -> Callable[[], None]:
+    """Demand that a server ends a connection which begins like this."""
+
+    def check() -> None:
+        with new() as peer:
+            peer.say(message(peer))
+            peer.expect_end()
+
+    return check
+
+
+def _dropped_in_session(new: _Open, message: _Message) -> Callable[[], None]:
+    """Demand that a server ends a session in which this comes second."""
+
+    def check() -> None:
+        with new() as peer:
+            peer.greet().ask(Kind.PING)
+            peer.say(message(peer))
+            peer.expect_end()
+
+    return check
+
+
+def _greeting(new: _Open) -> Iterator[_Check]:
+    """Checks of how a session begins."""
+
+    def welcomed() -> None:
+        new().greet()
+
+    def nonce_repeated() -> None:
+        nonce = secrets.token_bytes(NONCE)
+        with new() as peer:
+            peer.greet(nonce)
+            if peer.welcome is None or peer.welcome.client_nonce != nonce.hex():
+                raise _Failed("it repeats another one")
+
+    def nonces_differ() -> None:
+        nonce, found = secrets.token_bytes(NONCE), []
+        for _ in range(2):
+            with new() as peer:
+                peer.greet(nonce)
+                found.append(peer.welcome.nonce if peer.welcome else "")
+                peer.ask(Kind.CLOSE)
+        if found[0] == found[1]:
+            raise _Failed("they are the same")
+
+    yield "answers a HELLO by a WELCOME with a valid description", welcomed
+    yield "repeats the client's nonce in its WELCOME", nonce_repeated
+    yield "makes a new nonce for every session", nonces_differ
+
+
+def _false_greetings() -> Iterator[tuple[str, _Message]]:
+    """What may not begin a session."""
+    nonce = bytes(NONCE)
+    yield "drops a HELLO with another secret", lambda p: hello(nonce, b"another")
+    yield "drops another version of the protocol", lambda p: _headed(p.key, MAGIC, VERSION + 1, 1, 0, 0, 0)
+    yield "drops another protocol", lambda p: b"GET / HTTP/1.1\r\nHost: specimen\r\n\r\n"
+    yield "drops a HELLO with a number that is not 0", lambda p: hello(nonce, p.key, 1)
+    yield "drops a HELLO that is no JSON", lambda p: packed(Frame(Kind.HELLO, 0, b"\xff\xfe"), p.key)
+    yield "drops a request before a HELLO", lambda p: packed(Frame(Kind.PING, 1), p.key)
+    yield "drops an unknown kind", lambda p: _headed(p.key, MAGIC, VERSION, 77, 0, 0, 0)
+    yield "drops a header whose last field is not 0", lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, 0, 1)
+    yield (
+        "drops a frame that is too long before it comes",
+        lambda p: _headed(p.key, MAGIC, VERSION, 1, 0, LARGEST_PAYLOAD + 1, 0),
+    )
+    yield "drops a connection that says nothing", lambda p: b""
+
+
+def _second_client(new: _Open) -> Iterator[_Check]:
+    """A specimen has one master."""
+
+    def one_at_a_time() -> None:
+        with new() as first, new() as second:
+            first.greet()
+            second.say(hello(bytes(NONCE), second.key))
+            answer = second.hear()
+            if answer.kind is not Kind.REFUSED:
+                raise _Failed(f"it answered {answer.kind.name}")
+            if first.ask(Kind.PING).kind is not Kind.PONG:
+                raise _Failed("the first session broke")
+            first.ask(Kind.CLOSE)
+
+    yield "refuses a second client and keeps the first", one_at_a_time
+
+
+def _false_requests() -> Iterator[tuple[str, _Message]]:
+    """What a session may not say second."""
+
+    def not_finite(peer: _Peer) -> bytes:
+        assert peer.welcome is not None
+        path = np.full((1, len(peer.welcome.description.channels)), np.nan)
+        return packed(Frame(Kind.MOVE, 2, packed_move(path, 1)), peer.key)
+
+    def one_bit(peer: _Peer) -> bytes:
+        message = bytearray(packed(Frame(Kind.PING, 2), peer.key))
+        message[-1] ^= 1
+        return bytes(message)
+
+    yield "drops a forged request", lambda p: packed(Frame(Kind.PING, 2), b"another key")
+    yield "drops a request with one bit changed", one_bit
+    yield "drops a replayed request", lambda p: packed(Frame(Kind.PING, 1), p.key)
+    yield "drops a request out of order", lambda p: packed(Frame(Kind.PING, 3), p.key)
+    yield "drops an answer in the place of a request", lambda p: packed(Frame(Kind.READING, 2), p.key)
+    yield "drops a second HELLO", lambda p: packed(Frame(Kind.HELLO, 2), p.key)
+    yield "drops a move whose sizes disagree", lambda p: packed(Frame(Kind.MOVE, 2, bytes(13)), p.key)
+    yield "drops a move without a place to go", lambda p: packed(Frame(Kind.MOVE, 2, bytes(12)), p.key)
+    yield "drops a move that is not finite", not_finite
+
+
+def _session(new: _Open) -> Iterator[_Check]:
+    """Checks of a session in which nothing moves."""
+
+    def ponged() -> None:
+        with new() as peer:
+            peer.greet()
+            for _ in range(3):
+                if (answer := peer.ask(Kind.PING)).kind is not Kind.PONG:
+                    raise _Failed(f"it answered {answer.kind.name}")
+            peer.ask(Kind.CLOSE)
+
+    def replayed() -> None:
+        own = secrets.token_bytes(NONCE)
+        with new() as peer:
+            recorded = packed(Frame(Kind.PING, 1), peer.greet(own).key)
+            peer.ask(Kind.PING)
+            peer.ask(Kind.CLOSE)
+        with new() as peer:
+            peer.greet(own)
+            peer.say(recorded)
+            peer.expect_end()
+
+    def in_pieces() -> None:
+        with new() as peer:
+            peer.greet()
+            message = packed(Frame(Kind.PING, 1), peer.key) + packed(Frame(Kind.PING, 2), peer.key)
+            for k in range(0, len(message), 7):
+                peer.say(message[k : k + 7])
+            if [peer.hear().sequence for _ in range(2)] != [1, 2]:
+                raise _Failed("the answers are out of order")
+            peer.sequence = 2
+            peer.ask(Kind.CLOSE)
+
+    def watched() -> None:
+        with new() as peer:
+            peer.greet()
+            assert peer.welcome is not None
+            began, watchdog = time.monotonic(), peer.welcome.watchdog
+            peer.expect_end(watchdog + GRACE)
+            if time.monotonic() - began < 0.5 * watchdog:
+                raise _Failed(f"it ended after {time.monotonic() - began:.2f} s, and its watchdog is {watchdog:g} s")
+
+    yield "answers PING by PONG with the same number", ponged
+    yield "drops a session that is played again", replayed
+    yield "takes requests that come in pieces", in_pieces
+    yield "ends a silent session by its watchdog", watched
+
+
+def _motion(new: _Open) -> Iterator[tuple[str, Callable[[], None]]]:
+    """Checks of a specimen that stays where it is, and is then asked to go too far."""
+
+    def moved(peer: _Peer, place: float) -> Frame:
+        assert peer.welcome is not None
+        channels = peer.welcome.description.channels
+        return peer.ask(Kind.MOVE, packed_move(np.full((1, len(channels)), place), 1))
+
+    def stays() -> None:
+        with new() as peer:
+            answer = moved(peer.greet(), 0.0)
+            if answer.kind is not Kind.READING:
+                raise _Failed(f"it answered {answer.kind.name}: {answer.payload.decode('utf-8', 'replace')}")
+            assert peer.welcome is not None
+            read_reading(answer.payload, len(peer.welcome.description.channels))
+            if not any(channel.stroke for channel in peer.welcome.description.channels):
+                raise _Failed("no channel of its description has a stroke limit")
+            beyond = moved(peer, 1e9)
+            if beyond.kind is not Kind.REFUSED:
+                raise _Failed(f"it answered a move of 1e9 m by {beyond.kind.name}")
+            peer.expect_end()
+
+    def holds() -> None:
+        with new() as peer:
+            answer = moved(peer.greet(), 0.0)
+            if answer.kind is not Kind.REFUSED:
+                raise _Failed(f"it answered {answer.kind.name}")
+
+    def serves() -> None:
+        with new() as peer:
+            peer.greet()
+            if (answer := peer.ask(Kind.CLOSE)).kind is not Kind.CLOSED:
+                raise _Failed(f"it answered {answer.kind.name}")
+            peer.expect_end()
+
+    yield "reads at its place, and refuses a move beyond its limits", stays
+    yield "holds its position in every later session", holds
+    yield "serves on", serves
+
+
+@check_arguments
+def conformance(address: str, secret: str | bytes) -> list[Finding]:
+    """Check a server.
+
+    Parameters
+    ----------
+    address : str
+        Host and port.
+    secret : str or bytes
+        Shared with it.
+
+    Returns
+    -------
+    list of Finding
+        Thirty, in the order in which they were made.
+
+    Raises
+    ------
+    InputError
+        If address or secret are none.
+    SpecimenError
+        If nobody answers there.
+    """
+    where, key = parsed_address(address), checked_secret(secret)
+    try:
+        socket.create_connection(where, PATIENCE).close()
+    except OSError as error:
+        raise SpecimenError(f"No specimen answers at {address}: {error.strerror or error}.") from None
+
+    def new() -> _Peer:
+        return _Peer(where, key)
+
+    checks = (
+        *_greeting(new),
+        *((what, _dropped_at_once(new, message)) for what, message in _false_greetings()),
+        *_second_client(new),
+        *((what, _dropped_in_session(new, message)) for what, message in _false_requests()),
+        *_session(new),
+        *_motion(new),
+    )
+    found = []
+    for what, check in checks:
+        try:
+            check()
+            found.append(Finding(what, True))
+        except (_Failed, WireError, OSError) as error:
+            found.append(Finding(what, False, str(error)))
+    return found

@@ -1,0 +1,191 @@
+"""A specimen in another process, with the face of one in this."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+
+import numpy as np
+
+from structid.core.validation import check_arguments
+from structid.hybrid.laboratory.server import parsed_address
+from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenDescription, SpecimenError
+from structid.hybrid.laboratory.wire import (
+    NONCE,
+    Frame,
+    Hello,
+    Kind,
+    Welcome,
+    WireError,
+    checked_secret,
+    greeting_key,
+    packed_move,
+    read_json,
+    read_reading,
+    received,
+    send,
+    session_key,
+)
+
+SILENCE = 0.05
+"""How much longer than its motion an answer may take [s]."""
+CONNECTING = 5.0
+"""How long a connection and a greeting may take [s]."""
+
+
+@check_arguments
+class RemoteSpecimen(Specimen):
+    """A specimen behind a socket, served by `SpecimenServer` or by a laboratory's own program.
+
+    It is described in a short session of its own. The session that moves it begins with the first move, and is the only one: after
+    any error it is over, and the specimen holds its position.
+
+    Parameters
+    ----------
+    address : str
+        Host and port, such as ``"127.0.0.1:7700"``.
+    secret : str or bytes
+        Shared with the server, 16 characters or more.
+    silence : float
+        How much longer than its motion an answer may take [s]. Then the test ends.
+    """
+
+    def __init__(self, address: str, secret: str | bytes, silence: float = SILENCE) -> None:
+        self.address, self.silence = address, silence
+        self._where, self._secret = parsed_address(address), checked_secret(secret)
+        self._connection: socket.socket | None = None
+        self._description: SpecimenDescription | None = None
+        self._key, self._sent = b"", 0
+        self._over = ""
+
+    # --- the session --------------------------------------------------------------------------------------------
+
+    def _open(self) -> tuple[socket.socket, bytes, SpecimenDescription]:
+        """Connect and greet."""
+        try:
+            connection = socket.create_connection(self._where, CONNECTING)
+        except OSError as error:
+            raise SpecimenError(
+                f"No specimen answers at {self.address}: {error.strerror or error}. Start its server, or check the address."
+            ) from None
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            nonce, key = secrets.token_bytes(NONCE), greeting_key(self._secret)
+            hello = Hello(nonce=nonce.hex(), software="structid")
+            send(connection, Frame(Kind.HELLO, 0, hello.model_dump_json().encode()), key, CONNECTING)
+            answer = received(connection, key, CONNECTING)
+            if answer is None:
+                raise WireError(
+                    f"{self.address} closed the connection instead of a greeting. Both sides need the same secret and version."
+                )
+            if answer.kind is Kind.REFUSED:
+                raise SpecimenError(answer.payload.decode("utf-8", "replace"))
+            welcome = read_json(Welcome, answer.payload)
+            if answer.kind is not Kind.WELCOME or welcome.client_nonce != nonce.hex():
+                raise WireError("An old or foreign answer came instead of a WELCOME.")
+        except BaseException:
+            connection.close()
+            raise
+        return connection, session_key(self._secret, nonce, bytes.fromhex(welcome.nonce)), welcome.description
+
+    def _asked(self, kind: Kind, payload: bytes, patience: float) -> Frame:
+        """Send a request, and wait for its answer; whatever else comes ends the session."""
+        if self._over:
+            raise SpecimenError(f"The session is over: {self._over} A test is not resumed.")
+        try:
+            if self._connection is None:
+                self._connection, self._key, self._description = self._open()
+            self._sent += 1
+            send(self._connection, Frame(kind, self._sent, payload), self._key, CONNECTING)
+            answer = received(self._connection, self._key, patience)
+            if answer is None:
+                raise WireError("The specimen's side closed the connection.")
+            if answer.kind is Kind.REFUSED:
+                raise SpecimenError(answer.payload.decode("utf-8", "replace"))
+            if answer.sequence != self._sent or answer.kind != kind + 1:
+                raise WireError(f"The answer to {kind.name} {self._sent} was {answer.kind.name} {answer.sequence}.")
+        except SpecimenError as error:
+            self._end(str(error))
+            raise
+        return answer
+
+    def _end(self, reason: str) -> None:
+        self._over = self._over or reason
+        if self._connection is not None:
+            self._connection.close()
+
+    # --- its face -----------------------------------------------------------------------------------------------
+
+    def describe(self) -> SpecimenDescription:
+        """Ask what it is, once; see `Specimen.describe`.
+
+        Returns
+        -------
+        SpecimenDescription
+            As the server has it.
+        """
+        if self._description is None:
+            connection, key, self._description = self._open()
+            with connection:
+                send(connection, Frame(Kind.CLOSE, 1), key, CONNECTING)
+                received(connection, key, CONNECTING)
+        return self._description
+
+    def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
+        """Have it follow a path; see `Specimen.move`.
+
+        Parameters
+        ----------
+        path : ndarray, shape (sample, channel)
+            Commands [m].
+        averaged : int
+            Controller steps that are averaged.
+
+        Returns
+        -------
+        Reading
+            What it measured.
+        """
+        description = self.describe()
+        path = np.atleast_2d(np.asarray(path, dtype=np.float64))
+        patience = len(path) * description.controller_step + self.silence
+        answer = self._asked(Kind.MOVE, packed_move(path, averaged), patience)
+        try:
+            return read_reading(answer.payload, len(description.channels))
+        except WireError as error:
+            self._end(str(error))
+            raise
+
+    def hold(self, reason: str) -> None:
+        """Have it hold its position; it does so by itself where it cannot be told; see `Specimen.hold`.
+
+        Parameters
+        ----------
+        reason : str
+            Why.
+        """
+        if self._connection is not None and not self._over:
+            try:
+                self._asked(Kind.HOLD, reason.encode(), self.silence)
+            except SpecimenError:
+                return  # a specimen that hears nothing holds, too
+        self._end(reason)
+
+    def close(self) -> None:
+        """End the session; see `Specimen.close`."""
+        if self._connection is not None and not self._over:
+            try:
+                self._asked(Kind.CLOSE, b"", self.silence)
+            except SpecimenError:
+                return
+        self._end("It was closed.")
+
+    def released(self) -> RemoteSpecimen:
+        """The same address, where a specimen that was made ready answers in a new session; see `Specimen.released`.
+
+        Returns
+        -------
+        RemoteSpecimen
+            Whose first move is refused where its operator has not made it ready.
+        """
+        return RemoteSpecimen(self.address, self._secret, self.silence)

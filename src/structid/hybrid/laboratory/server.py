@@ -1,0 +1,290 @@
+"""A specimen's own process: it serves one test at a time, obeys what is signed and in order, and holds when in doubt."""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Self
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+from structid.hybrid.laboratory.specimen import Specimen, SpecimenError
+from structid.hybrid.laboratory.wire import (
+    LARGEST_GREETING,
+    NONCE,
+    Frame,
+    Hello,
+    Kind,
+    Welcome,
+    WireError,
+    checked_secret,
+    greeting_key,
+    packed_reading,
+    read_json,
+    read_move,
+    received,
+    send,
+    session_key,
+)
+
+WATCHDOG = 1.0
+"""Silence [s] after which a session is over."""
+GREETING = 1.0
+"""How long a client may take to say HELLO [s]."""
+CHANGE_OVER = 0.2
+"""How long a client waits for a session that is just ending [s]."""
+MOST_CONNECTIONS = 32
+"""Connections at once, with all strangers; more are closed unheard."""
+LOOPBACK = "127.0.0.1"
+
+Log = Callable[[str], None]
+
+
+def parsed_address(address: str) -> tuple[str, int]:
+    """Take an address apart.
+
+    Parameters
+    ----------
+    address : str
+        ``"127.0.0.1:7700"``.
+
+    Returns
+    -------
+    tuple of str and int
+        Host and port.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise InputError("address", f"'{address}'", "a host and a port, such as 127.0.0.1:7700")
+    return host, int(port)
+
+
+@dataclass
+class _Session:
+    """One client: its connection, the key, the number of the last request, and whether the specimen has moved for it."""
+
+    connection: socket.socket
+    key: bytes
+    last: int = 0
+    moved: bool = False
+
+
+@contextlib.contextmanager
+def _without_long_pauses() -> Iterator[None]:
+    """Leave what the process holds now out of Python's collections of garbage.
+
+    To look through all that JAX brings takes 50 ms and more, in the middle of a test: a client would take it for silence.
+    """
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@check_arguments
+class SpecimenServer:
+    """Serves a specimen to hybrid tests, on the loopback unless told otherwise.
+
+    A frame that is late, malformed, forged, out of order or not finite ends the session, and so does a connection that closes. If
+    the specimen has moved in it, it then holds its last accepted position for good. Strangers are refused and change nothing.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        What is served.
+    secret : str or bytes
+        Shared with the client, 16 characters or more.
+    host : str
+        Where it listens.
+    port : int
+        0 takes a free one.
+    watchdog : float
+        Silence in a session after which it ends [s].
+    releases : bool
+        Whether a simulated specimen is unloaded and zeroed for the next test when a client has closed its session in order. It
+        holds after an error all the same.
+    log : callable, optional
+        Called with a sentence for everything that happens.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from structid.mechanics.restoring_forces import LinearForce
+    >>> from structid.hybrid.laboratory.remote import RemoteSpecimen
+    >>> from structid.hybrid.laboratory.simulated_specimen import SimulatedSpecimen
+    >>> secret = "a secret of both sides"
+    >>> with SpecimenServer(SimulatedSpecimen(LinearForce(np.array([[2.0]]))), secret) as server:
+    ...     remote = RemoteSpecimen(server.address, secret)
+    ...     print(remote.move(np.array([[0.5]])).force)
+    [1.]
+    """
+
+    def __init__(
+        self,
+        specimen: Specimen,
+        secret: str | bytes,
+        *,
+        host: str = LOOPBACK,
+        port: int = 0,
+        watchdog: float = WATCHDOG,
+        releases: bool = False,
+        log: Log | None = None,
+    ) -> None:
+        self.specimen, self.watchdog, self.releases = specimen, watchdog, releases
+        if releases and not specimen.describe().simulated:
+            raise InputError("server: releases", "a specimen that is a structure", "a simulated one, or releases=False")
+        self._secret, self._log = checked_secret(secret), log or (lambda said: None)
+        self._busy, self._stopping = threading.Lock(), threading.Event()
+        try:
+            self._listening = socket.create_server((host, port))
+        except OSError as error:
+            raise InputError(
+                "server", f"{host}:{port} cannot be listened at: {error.strerror}", "a free port"
+            ) from None
+        self._listening.settimeout(0.2)
+        self._threads: list[threading.Thread] = []
+
+    @property
+    def address(self) -> str:
+        """Where it listens, such as ``"127.0.0.1:7700"``."""
+        host, port = self._listening.getsockname()[:2]
+        return f"{host}:{port}"
+
+    def __enter__(self) -> Self:
+        self._threads.append(threading.Thread(target=self.serve, daemon=True))
+        self._threads[0].start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+        for thread in self._threads:
+            thread.join()
+
+    def stop(self) -> None:
+        """End serving; a session in progress ends at its next request or silence."""
+        self._stopping.set()
+
+    def serve(self) -> None:
+        """Accept clients until `stop`."""
+        with self._listening, _without_long_pauses():
+            while not self._stopping.is_set():
+                try:
+                    connection, peer = self._listening.accept()
+                except TimeoutError:
+                    continue
+                except OSError:
+                    return
+                self._threads = [t for t in self._threads if t.is_alive()]
+                if len(self._threads) > MOST_CONNECTIONS:
+                    connection.close()  # strangers that fill the house get nothing, and no memory
+                    continue
+                thread = threading.Thread(target=self._client, args=(connection, f"{peer[0]}:{peer[1]}"), daemon=True)
+                self._threads.append(thread)
+                thread.start()
+
+    def _client(self, connection: socket.socket, peer: str) -> None:
+        """One connection, from HELLO to its end."""
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        with connection:
+            session = None
+            try:
+                session = self._greeted(connection)
+                if session is not None:
+                    self._log(f"{peer}: a session began")
+                    self._obey(session)
+                    self._log(f"{peer}: the session has ended")
+            except Exception as error:
+                # Whatever it was, also of the specimen's own program: the session is over, and nothing moves any more.
+                self._log(f"{peer}: {error}")
+                if session is not None and session.moved:
+                    self.specimen.hold(str(error))
+            finally:
+                if session is not None:
+                    self._busy.release()
+
+    def _greeted(self, connection: socket.socket) -> _Session | None:
+        """Answer a HELLO; None where nobody is let in. The specimen is this session's until it ends."""
+        key = greeting_key(self._secret)
+        frame = received(connection, key, GREETING, LARGEST_GREETING)
+        if frame is None:
+            return None
+        if frame.kind is not Kind.HELLO or frame.sequence != 0:
+            raise WireError("A session begins with HELLO.")
+        hello = read_json(Hello, frame.payload)
+        if not self._busy.acquire(timeout=CHANGE_OVER):
+            send(connection, Frame(Kind.REFUSED, 0, b"Another test has this specimen."), key, GREETING)
+            return None
+        try:
+            nonce = secrets.token_bytes(NONCE)
+            welcome = Welcome(
+                client_nonce=hello.nonce,
+                nonce=nonce.hex(),
+                watchdog=self.watchdog,
+                description=self.specimen.describe(),
+            )
+            send(connection, Frame(Kind.WELCOME, 0, welcome.model_dump_json().encode()), key, GREETING)
+        except BaseException:
+            self._busy.release()
+            raise
+        return _Session(connection, session_key(self._secret, bytes.fromhex(hello.nonce), nonce))
+
+    def _obey(self, session: _Session) -> None:
+        """Answer requests until the session is over."""
+        while not self._stopping.is_set():
+            frame = received(session.connection, session.key, self.watchdog)
+            if frame is None:
+                raise WireError("The client has gone without closing the session.")
+            if frame.sequence != session.last + 1:
+                raise WireError(f"Request {frame.sequence} came, and {session.last + 1} was due: replayed or lost.")
+            session.last = frame.sequence
+            answer = self._answer(session, frame)
+            send(session.connection, answer._replace(sequence=frame.sequence), session.key, self.watchdog)
+            if answer.kind in (Kind.CLOSED, Kind.REFUSED):
+                return
+        if session.moved:
+            self.specimen.hold("the server was stopped")
+
+    def _answer(self, session: _Session, frame: Frame) -> Frame:
+        """Do what a request asks for."""
+        match frame.kind:
+            case Kind.PING:
+                return Frame(Kind.PONG, 0)
+            case Kind.HOLD:
+                self.specimen.hold(frame.payload.decode("utf-8", "replace") or "the client asked for it")
+                return Frame(Kind.HELD, 0)
+            case Kind.CLOSE:
+                if session.moved:
+                    self._close()
+                return Frame(Kind.CLOSED, 0)
+            case Kind.MOVE:
+                path, averaged = read_move(frame.payload)
+                session.moved = True
+                try:
+                    return Frame(Kind.READING, 0, packed_reading(self.specimen.move(path, averaged)))
+                except SpecimenError as error:
+                    self._log(str(error))
+                    self.specimen.hold(str(error))
+                    return Frame(Kind.REFUSED, 0, str(error).encode())
+            case _:
+                raise WireError(f"A {frame.kind.name} came, which is no request.")
+
+    def _close(self) -> None:
+        """End a session that has moved the specimen."""
+        self.specimen.close()
+        if self.releases:
+            self.specimen = self.specimen.released()
+            self._log("The specimen was unloaded and zeroed for the next test.")

@@ -1,0 +1,248 @@
+"""A program in the place of a specimen: a law of springs or a wall, behind actuators and sensors."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+from structid.hybrid.control.transfer_system import CONTROLLER_STEP, Actuator, TransferSystem
+from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenChannel, SpecimenDescription, SpecimenError
+from structid.mechanics.restoring_forces import CollapseError, RestoringForce
+
+RELEASED = 1e-7
+"""Force of an unloaded specimen over its largest one."""
+MOST_RELEASES = 2000
+"""Moves towards it."""
+
+
+@check_arguments
+class SimulatedSpecimen(Specimen):
+    """A restoring force behind a transfer system, with the limits of its actuators.
+
+    Parameters
+    ----------
+    structure : RestoringForce
+        Of the structure's degrees of freedom, which are the channels.
+    actuators : Actuator or sequence of Actuator
+        One for all channels, or one for each.
+    channels : sequence of str
+        Names of the channels.
+    units : sequence of str, optional
+        ``"m"`` or ``"rad"`` of each; metres when left out.
+    stiffness : array-like, shape (channel, channel), optional
+        Initial stiffness, if it is to be told.
+    controller_step : float
+        T_c [s].
+    seed : int
+        Of the sensors' noise.
+    name : str
+        Of the specimen.
+    real_time : bool
+        Whether a move takes as long as it would in a laboratory.
+    """
+
+    def __init__(
+        self,
+        structure: RestoringForce,
+        actuators: Actuator | Sequence[Actuator] | None = None,
+        *,
+        channels: Sequence[str] = ("displacement",),
+        units: Sequence[str] | None = None,
+        stiffness: np.ndarray | None = None,
+        controller_step: float = CONTROLLER_STEP,
+        seed: int = 0,
+        name: str = "simulated specimen",
+        real_time: bool = False,
+    ) -> None:
+        names = (channels,) if isinstance(channels, str) else tuple(channels)
+        one = Actuator() if actuators is None else actuators
+        each = (one,) * len(names) if isinstance(one, Actuator) else tuple(one)
+        if len(each) != len(names):
+            raise InputError(
+                "SimulatedSpecimen.actuators", f"{len(each)}", f"one for all, or {len(names)}, one a channel"
+            )
+        self.structure, self.real_time = structure, real_time
+        self._seed, self._transfer = seed, TransferSystem(each, controller_step, seed)
+        self._description = SpecimenDescription(
+            name=name,
+            channels=tuple(
+                SpecimenChannel(
+                    name=channel, unit="rad" if unit == "rad" else "m", stroke=a.stroke, velocity=a.velocity, force=a.force,
+                    delay=a.delay + (max(a.lag - 0.5 * controller_step, 0.0) if a.lag else 0.0),
+                )
+                for channel, unit, a in zip(names, units or ("m",) * len(names), each, strict=True)
+            ),
+            controller_step=controller_step,
+            simulated=True,
+            stiffness=None if stiffness is None else tuple(map(tuple, np.asarray(stiffness, dtype=float).tolist())),
+            software="structid",
+        )  # fmt: skip
+        nothing = np.zeros(len(names))
+        self._memory = structure.at_rest(nothing)
+        self._force, self._memory = structure.at(self._memory, nothing)
+        self._static, self._largest = self._force, 0.0
+        self._datum, self._place, self._command = nothing, nothing, nothing
+        self._held = ""
+
+    def describe(self) -> SpecimenDescription:
+        """Say what it is; see `Specimen.describe`.
+
+        Returns
+        -------
+        SpecimenDescription
+            With the actuators' limits and delays.
+        """
+        return self._description
+
+    def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
+        """Follow a path; see `Specimen.move`.
+
+        Parameters
+        ----------
+        path : ndarray, shape (sample, channel)
+            Commands [m].
+        averaged : int
+            Controller steps that are averaged.
+
+        Returns
+        -------
+        Reading
+            Measured displacements and forces.
+        """
+        began = time.perf_counter()
+        if self._held:
+            raise SpecimenError(
+                f"It holds its position: {self._held}. A test is not resumed; end it and look at the specimen."
+            )
+        path = np.asarray(path, dtype=np.float64)
+        if refusal := self._description.refusal(self._command, path):
+            self.hold(refusal)
+            raise SpecimenError(f"Refused before it moved: {refusal}.")
+        places = self._transfer.followed(path)
+        self._command = path[-1]
+        last = max(len(places) - averaged, 0)
+        try:
+            forces = self._forces(self._datum + places, last)
+        except CollapseError as collapse:
+            self.hold(f"it has failed: {collapse}")
+            raise SpecimenError(f"The structure has failed: {collapse}") from None
+        displacement, force = (x.mean(axis=0) for x in self._transfer.seen(places[last:], forces))
+        for k, channel in enumerate(self._description.channels):
+            if channel.force is not None and abs(force[k]) > channel.force:
+                self.hold(f"{channel.name}: a force of {force[k]:.6g} N, and its limit is {channel.force:.6g}")
+                raise SpecimenError(f"It stopped where it was: {self._held}.")
+        if self.real_time:
+            time.sleep(max(len(path) * self._description.controller_step - (time.perf_counter() - began), 0.0))
+        return Reading(displacement, force)
+
+    def _forces(self, places: np.ndarray, last: int) -> np.ndarray:
+        """Forces at the places from number `last` on, after the whole path.
+
+        A rate-independent structure remembers where its path turns and how it came there, not every controller step. It is moved to
+        turning points, to places `largest_move` apart, and to both ends of what is averaged; forces between them lie on a line.
+        """
+        kept = self._kept(np.concatenate([self._place[None], places]), last)
+        found = []
+        for index in kept:
+            self._impose(places[index])
+            found.append(self._force)
+        wanted, stops = np.arange(last, len(places)), np.array(kept)
+        within = stops >= last
+        return np.stack(
+            [np.interp(wanted, stops[within], np.array(found)[within, k]) for k in range(places.shape[1])], axis=1
+        )
+
+    def _impose(self, place: np.ndarray) -> None:
+        """Move the structure to a place."""
+        self._force, self._memory = self.structure.at(self._memory, place)
+        self._place = place
+        self._largest = max(self._largest, float(np.abs(self._force - self._static).max()))
+
+    def _kept(self, places: np.ndarray, last: int) -> list[int]:
+        """Numbers of the places, from 0 for the second one given, to which the structure is moved."""
+        steps = np.diff(places, axis=0)
+        turns = np.any(np.sign(steps[1:]) * np.sign(steps[:-1]) < 0.0, axis=1)
+        far = np.floor(np.cumsum(np.abs(steps).max(axis=1)) / self.structure.largest_move)
+        passes = np.diff(far, prepend=0.0) > 0.0
+        passes[:-1] |= turns
+        passes[[last, -1]] = True
+        return [int(k) for k in np.flatnonzero(passes)]
+
+    def hold(self, reason: str) -> None:
+        """Hold the position; see `Specimen.hold`.
+
+        Parameters
+        ----------
+        reason : str
+            Why.
+        """
+        self._held = self._held or reason
+
+    def close(self) -> None:
+        """End the session; see `Specimen.close`."""
+        self.hold("the session was closed")
+
+    def released(self) -> SimulatedSpecimen:
+        """Unload it to its first force, and call that place zero; see `Specimen.released`.
+
+        Returns
+        -------
+        SimulatedSpecimen
+            The same structure with its damage, and with as much less stroke as its zero has moved.
+
+        Raises
+        ------
+        InputError
+            If its stiffness was not given.
+        SpecimenError
+            If it finds no place without force.
+        """
+        if self._description.stiffness is None:
+            raise InputError("SimulatedSpecimen.stiffness", "nothing", "its initial stiffness", "It unloads with it.")
+        after = copy(self)
+        after._unload(np.array(self._description.stiffness))
+        after._datum, after._held, after._command = after._place, "", 0.0 * after._place
+        after._seed = self._seed + 1
+        actuators = tuple(
+            a if a.stroke is None else replace(a, stroke=a.stroke - abs(float(moved)))
+            for a, moved in zip(self._transfer.actuators, after._datum - self._datum, strict=True)
+        )
+        after._transfer = TransferSystem(actuators, self._description.controller_step, after._seed)
+        channels = tuple(
+            channel.model_copy(update={"stroke": a.stroke})
+            for channel, a in zip(self._description.channels, actuators, strict=True)
+        )
+        after._description = self._description.model_copy(
+            update={"datum": tuple(map(float, after._datum)), "channels": channels}
+        )
+        return after
+
+    def _unload(self, stiffness: np.ndarray) -> None:
+        """Move it until its force is the first one. With the largest stiffness no move goes beyond."""
+        back = np.linalg.inv(stiffness)
+        for _ in range(MOST_RELEASES):
+            excess = self._force - self._static
+            if np.abs(excess).max() <= RELEASED * self._largest:
+                return
+            move = -back @ excess
+            pieces = int(np.ceil(np.abs(move).max() / self.structure.largest_move)) or 1
+            start = self._place
+            for piece in range(1, pieces + 1):
+                self._impose(start + piece / pieces * move)
+        raise SpecimenError(f"It could not be unloaded: {np.abs(excess).max():.3g} N are left.")
+
+    @property
+    def held(self) -> str:
+        """Why it holds its position; empty while it may move."""
+        return self._held
+
+    @property
+    def position(self) -> np.ndarray:
+        """Where its pistons are, from its zero, shape (channel,) [m]."""
+        return self._place - self._datum

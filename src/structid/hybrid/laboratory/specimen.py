@@ -1,0 +1,207 @@
+"""A specimen as a hybrid test sees it: it says what it is, moves, holds its position, and refuses what is beyond its limits."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from structid.core.errors import StructidError
+
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+MOST_CHANNELS = 64
+LONGEST_PATH = 100_000
+"""Controller steps in one move: a hundred seconds at 1 ms."""
+
+
+class SpecimenError(StructidError):
+    """A specimen refused a move, fell silent, or its session ended. It holds its position; what was done before is kept."""
+
+
+class SpecimenChannel(BaseModel):
+    """One actuated displacement of a specimen.
+
+    Attributes
+    ----------
+    name : str
+        What it is called.
+    unit : {"m", "rad"}
+        Of its displacement; its force is in N or N m.
+    stroke, velocity, force : float or None
+        Limits in absolute value [unit], [unit/s] of wall time, [N] or [N m]; None where it has none.
+    delay : float
+        By which the piston follows its command, as measured by the laboratory [s] of wall time.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    unit: Literal["m", "rad"] = "m"
+    stroke: Positive | None = None
+    velocity: Positive | None = None
+    force: Positive | None = None
+    delay: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.0
+
+
+class SpecimenDescription(BaseModel):
+    """What a specimen says of itself before a test.
+
+    Attributes
+    ----------
+    name : str
+        Of the specimen.
+    channels : tuple of SpecimenChannel
+        What can be moved, in the order of every vector.
+    controller_step : float
+        T_c [s] of wall time.
+    simulated : bool
+        Whether it is a program. A test on one may be resumed; one on a structure never.
+    stiffness : tuple of tuple of float, or None
+        Initial stiffness in its channels, if it knows it.
+    datum : tuple of float, or None
+        Where the zero of its channels is, counted from where it was at first; none where it was never zeroed again.
+    longest_path : int
+        Controller steps that one move may have; 1 for a specimen that makes its own ramps, whose velocity it then sees to itself.
+    software : str
+        That drives it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str
+    channels: Annotated[tuple[SpecimenChannel, ...], Field(min_length=1, max_length=MOST_CHANNELS)]
+    controller_step: Positive = 1e-3
+    simulated: bool = False
+    stiffness: tuple[tuple[float, ...], ...] | None = None
+    datum: tuple[Finite, ...] | None = None
+    longest_path: Annotated[int, Field(ge=1, le=LONGEST_PATH)] = LONGEST_PATH
+    software: str = ""
+
+    @model_validator(mode="after")
+    def _square(self) -> Self:
+        if self.stiffness is not None and np.shape(self.stiffness) != (len(self.channels),) * 2:
+            raise ValueError(
+                f"stiffness has the shape {np.shape(self.stiffness)}, and there are {len(self.channels)} channels"
+            )
+        if self.datum is not None and len(self.datum) != len(self.channels):
+            raise ValueError(f"datum has {len(self.datum)} numbers, and there are {len(self.channels)} channels")
+        return self
+
+    def refusal(self, last: np.ndarray, path: np.ndarray) -> str | None:
+        """Say why a path is beyond what the specimen may do; this is decided before anything moves.
+
+        Parameters
+        ----------
+        last : ndarray, shape (channel,)
+            The last accepted command.
+        path : ndarray, shape (sample, channel)
+            Commands, one a controller step.
+
+        Returns
+        -------
+        str or None
+            None where it is not.
+        """
+        count = len(self.channels)
+        if path.ndim != 2 or path.shape[1] != count or not 1 <= len(path) <= self.longest_path:
+            return f"a path of shape {path.shape}; it has {count} channels and takes 1 to {self.longest_path} steps"
+        if not np.isfinite(path).all():
+            return "a command that is not finite"
+        rates = np.abs(np.diff(path, axis=0, prepend=last[None])).max(axis=0) / self.controller_step
+        for k, channel in enumerate(self.channels):
+            farthest = float(np.abs(path[:, k]).max())
+            if channel.stroke is not None and farthest > channel.stroke:
+                return f"{channel.name}: a displacement of {farthest:.6g} {channel.unit}, and its limit is {channel.stroke:.6g}"
+            fastest = None if self.longest_path == 1 else channel.velocity  # its own ramps are its own care
+            if fastest is not None and rates[k] > fastest * (1.0 + 1e-9):
+                return f"{channel.name}: a velocity of {rates[k]:.6g} {channel.unit}/s, and its limit is {fastest:.6g}"
+        return None
+
+
+class Reading(NamedTuple):
+    """What was measured at the end of a move, averaged over its last controller steps.
+
+    Parameters
+    ----------
+    displacement, force : ndarray, shape (channel,)
+        u_m [m], and the force that the specimen exerts against it [N].
+    """
+
+    displacement: np.ndarray
+    force: np.ndarray
+
+
+class Specimen(ABC):
+    """A structure in a laboratory, or a program in its place.
+
+    It owns its limits. What is beyond them is refused before it moves, and after an error it holds its last accepted position for
+    good: a hysteretic specimen cannot be moved back.
+    """
+
+    @abstractmethod
+    def describe(self) -> SpecimenDescription:
+        """Say what it is.
+
+        Returns
+        -------
+        SpecimenDescription
+            The same at every call.
+        """
+
+    @abstractmethod
+    def move(self, path: np.ndarray, averaged: int = 1) -> Reading:
+        """Follow a path, and read.
+
+        Parameters
+        ----------
+        path : ndarray, shape (sample, channel)
+            Commands, one a controller step [m].
+        averaged : int
+            Over how many of the last controller steps the reading is averaged.
+
+        Returns
+        -------
+        Reading
+            Measured displacements and forces.
+
+        Raises
+        ------
+        SpecimenError
+            If it refuses; it then holds its last accepted position.
+        """
+
+    @abstractmethod
+    def hold(self, reason: str) -> None:
+        """Hold the position from now on; a later move is refused.
+
+        Parameters
+        ----------
+        reason : str
+            Why, for its log.
+        """
+
+    @abstractmethod
+    def close(self) -> None:
+        """End the session; it holds its position."""
+
+    def released(self) -> Specimen:
+        """The specimen of the next test, after this one's session was closed: unloaded by its operator, and zeroed again.
+
+        Its damage stays. Where its zero is now, it says as the ``datum`` of its description.
+
+        Returns
+        -------
+        Specimen
+            Ready to be moved.
+
+        Raises
+        ------
+        SpecimenError
+            If only its operator can make it ready.
+        """
+        raise SpecimenError(
+            f"'{self.describe().name}' must be unloaded and zeroed by its operator before another test."
+        )

@@ -1,0 +1,154 @@
+"""The restoring force of a specimen: what the integrator imposes goes through compensation and motion to it, its reading back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from structid.hybrid.control.compensation import Compensator
+from structid.hybrid.control.motion import Motion
+from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenError
+from structid.mechanics.restoring_forces import RestoringForce
+
+TARE = 1.0
+"""How long the force at rest is averaged [s] of wall time."""
+
+
+class Move(NamedTuple):
+    """One motion of a specimen, and what was read at its end; arrays (channel,).
+
+    Parameters
+    ----------
+    target : ndarray
+        Where it should be, from the integrator [m].
+    command : ndarray
+        What was sent last [m].
+    measured : ndarray
+        Where it was [m].
+    force : ndarray
+        That it exerts, without that before the test [N].
+    """
+
+    target: np.ndarray
+    command: np.ndarray
+    measured: np.ndarray
+    force: np.ndarray
+
+
+class SpecimenForce(RestoringForce):
+    """r(u) = Bᵀ F of a specimen whose channels are moved by B u.
+
+    A displacement is imposed once and read once. The force that it exerts before the first move belongs to its static load and is
+    taken off every reading.
+
+    Parameters
+    ----------
+    specimen : Specimen
+        What is moved.
+    geometry : ndarray, shape (channel, dof)
+        B.
+    motion : Motion
+        From one place to the next.
+    compensator : Compensator, optional
+        Of the transfer system.
+    stiffness : ndarray, shape (dof, dof), optional
+        K₀ for a correction of the force r + K₀ (ũ − u_m); none is made when left out.
+    moved : callable, optional
+        Called with every `Move` when it has ended.
+    """
+
+    def __init__(
+        self,
+        specimen: Specimen,
+        geometry: np.ndarray,
+        motion: Motion,
+        compensator: Compensator | None = None,
+        stiffness: np.ndarray | None = None,
+        moved: Callable[[Move], None] | None = None,
+    ) -> None:
+        self.specimen, self.geometry, self.motion = specimen, geometry, motion
+        self.compensator, self.stiffness, self.moved = compensator, stiffness, moved
+        self._target = np.zeros(len(geometry))
+        self._at_rest: np.ndarray | None = None
+        if stiffness is not None:
+            self._back = np.linalg.pinv(geometry)
+
+    @property
+    def dofs(self) -> int:
+        """Of the physical part."""
+        return int(self.geometry.shape[1])
+
+    def at_rest(self, displacement: Any) -> Any:
+        """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (dof,)
+            Zeros.
+
+        Returns
+        -------
+        tuple
+            Empty.
+        """
+        return ()
+
+    def begin(self, displacement: Any) -> tuple[Any, Any]:
+        """Read the specimen where it is; see `RestoringForce.begin`.
+
+        Parameters
+        ----------
+        displacement : ndarray, shape (dof,)
+            Zeros.
+
+        Returns
+        -------
+        tuple
+            The force that was read, and nothing.
+        """
+        return self.at(self.at_rest(displacement), displacement)
+
+    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+        """Move the specimen; see `RestoringForce.at`.
+
+        Parameters
+        ----------
+        memory : tuple
+            Nothing.
+        displacement : ndarray, shape (dof,)
+            ũ.
+
+        Returns
+        -------
+        tuple
+            The force that was read, and nothing.
+        """
+        if self._at_rest is None:
+            self._at_rest = self._tared()
+        target = self.geometry @ displacement
+        path = self.motion.path(self._target, target)
+        commands = path if self.compensator is None else self.compensator.commands(path)
+        reading = self._checked(self.specimen.move(commands, self.motion.averaged))
+        if self.compensator is not None:
+            self.compensator.observe(commands[-1:], reading.displacement[None])
+        self._target, force = target, reading.force - self._at_rest
+        if self.moved is not None:
+            self.moved(Move(target, commands[-1], reading.displacement, force))
+        restoring = self.geometry.T @ force
+        if self.stiffness is not None:
+            restoring = restoring + self.stiffness @ (self._back @ (target - reading.displacement))
+        return restoring, memory
+
+    def _tared(self) -> np.ndarray:
+        """Force before the first move, averaged for as long as noise needs: it is a part of every later one."""
+        step = self.specimen.describe().controller_step
+        count = min(max(round(TARE / step), 1), self.specimen.describe().longest_path)
+        return self._checked(self.specimen.move(np.zeros((count, len(self.geometry))), count)).force
+
+    @staticmethod
+    def _checked(reading: Reading) -> Reading:
+        if not (np.isfinite(reading.displacement).all() and np.isfinite(reading.force).all()):
+            raise SpecimenError("Its reading is not finite.")
+        return reading

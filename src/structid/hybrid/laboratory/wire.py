@@ -1,0 +1,437 @@
+"""The bytes between a hybrid test and a specimen: frames, their authentication, and what is in them.
+
+A frame is a header of 24 bytes, a payload, and a tag of 32 bytes, all little-endian::
+
+    offset  size  content
+         0     4  magic "SIDH"
+         4     2  version of the protocol, 1
+         6     2  kind
+         8     8  sequence number
+        16     4  length n of the payload
+        20     4  zero
+        24     n  payload
+    24 + n    32  HMAC-SHA256 of all bytes before it
+
+The tag's key is made of the shared secret for HELLO, WELCOME and what refuses them, and of the secret and both sides' nonces for
+the session that follows. A request of the session has the number of the one before plus one, from 1; its answer has the same. There
+is one answer to one request, and nothing else is obeyed. `docs/reference/specimen_protocol.md` tells writers of other clients.
+"""
+
+from __future__ import annotations
+
+import hmac
+import json
+import socket
+import struct
+import time
+from enum import IntEnum
+from typing import Annotated, NamedTuple, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from structid.core.errors import InputError
+from structid.hybrid.laboratory.specimen import Reading, SpecimenDescription, SpecimenError
+
+MAGIC, VERSION = b"SIDH", 1
+HEADER = struct.Struct("<4sHHQII")
+MOVE_HEAD = struct.Struct("<III")
+TAG, NONCE = 32, 16
+LARGEST_PAYLOAD, LARGEST_GREETING = 4 * 2**20, 4096
+"""Bytes of a session's frames, and of a stranger's first one; a longer frame is refused before it is read."""
+SHORTEST_SECRET = 16
+"""Characters."""
+
+
+class Kind(IntEnum):
+    """What a frame is; requests are odd, answers even."""
+
+    HELLO = 1
+    WELCOME = 2
+    MOVE = 3
+    READING = 4
+    HOLD = 5
+    HELD = 6
+    CLOSE = 7
+    CLOSED = 8
+    PING = 9
+    PONG = 10
+    REFUSED = 12
+
+
+Message = TypeVar("Message", bound=BaseModel)
+
+
+class WireError(SpecimenError):
+    """A message that is not to be obeyed, or none in time; the session is over."""
+
+
+class Frame(NamedTuple):
+    """A message.
+
+    Parameters
+    ----------
+    kind : Kind
+        What it is.
+    sequence : int
+        Its number.
+    payload : bytes
+        Its content.
+    """
+
+    kind: Kind
+    sequence: int
+    payload: bytes = b""
+
+
+# --- keys -----------------------------------------------------------------------------------------------------------
+
+
+def checked_secret(secret: str | bytes) -> bytes:
+    """Take a shared secret as bytes.
+
+    Parameters
+    ----------
+    secret : str or bytes
+        Known to both sides, and to nobody else.
+
+    Returns
+    -------
+    bytes
+        In UTF-8.
+
+    Raises
+    ------
+    InputError
+        If it is too short to be one.
+    """
+    given = secret.encode() if isinstance(secret, str) else bytes(secret)
+    if len(given) < SHORTEST_SECRET:
+        raise InputError(
+            "secret", f"{len(given)} characters", f"{SHORTEST_SECRET} or more",
+            'Make one with: python -c "import secrets; print(secrets.token_hex(32))"',
+        )  # fmt: skip
+    return given
+
+
+def greeting_key(secret: bytes) -> bytes:
+    """Key of HELLO and WELCOME.
+
+    Parameters
+    ----------
+    secret : bytes
+        Shared.
+
+    Returns
+    -------
+    bytes
+        32 of them.
+    """
+    return hmac.digest(secret, b"structid specimen greeting", "sha256")
+
+
+def session_key(secret: bytes, client: bytes, server: bytes) -> bytes:
+    """Key of a session; a recorded session cannot be played again, since the server's nonce is another one.
+
+    Parameters
+    ----------
+    secret : bytes
+        Shared.
+    client, server : bytes
+        Nonces of both sides.
+
+    Returns
+    -------
+    bytes
+        32 of them.
+    """
+    return hmac.digest(secret, b"structid specimen session" + client + server, "sha256")
+
+
+# --- frames ---------------------------------------------------------------------------------------------------------
+
+
+def packed(frame: Frame, key: bytes) -> bytes:
+    """Write a frame.
+
+    Parameters
+    ----------
+    frame : Frame
+        The message.
+    key : bytes
+        Of its tag.
+
+    Returns
+    -------
+    bytes
+        Header, payload and tag.
+    """
+    body = HEADER.pack(MAGIC, VERSION, frame.kind, frame.sequence, len(frame.payload), 0) + frame.payload
+    return body + hmac.digest(key, body, "sha256")
+
+
+def received(connection: socket.socket, key: bytes, patience: float, largest: int = LARGEST_PAYLOAD) -> Frame | None:
+    """Wait for a frame, and check everything of it that does not depend on the session.
+
+    Parameters
+    ----------
+    connection : socket
+        From which it comes.
+    key : bytes
+        That its tag must have.
+    patience : float
+        How long to wait until all of it is there [s].
+    largest : int
+        Bytes of the longest payload that is read.
+
+    Returns
+    -------
+    Frame or None
+        None where the other side has closed the connection between two frames.
+
+    Raises
+    ------
+    WireError
+        If it is late, cut off, malformed, or its tag is wrong.
+    """
+    until = time.monotonic() + patience
+    head = _exactly(connection, HEADER.size, until, may_end=True)
+    if head is None:
+        return None
+    magic, version, kind, sequence, length, zero = HEADER.unpack(head)
+    if magic != MAGIC:
+        raise WireError(
+            f"The other side does not speak this protocol: its first bytes are {magic!r}, and {MAGIC!r} is allowed."
+        )
+    if version != VERSION:
+        raise WireError(
+            f"The other side speaks version {version} of the protocol, and this is version {VERSION}. Update the older one."
+        )
+    if zero or kind not in Kind.__members__.values() or length > largest:
+        raise WireError(f"A malformed header came: kind {kind}, {length} bytes.")
+    rest = _exactly(connection, length + TAG, until)
+    assert rest is not None  # a connection that ends here has raised
+    if not hmac.compare_digest(hmac.digest(key, head + rest[:length], "sha256"), rest[length:]):
+        raise WireError(
+            "A message came whose tag is wrong: another secret, or a forged message. Both sides need the same secret."
+        )
+    return Frame(Kind(kind), sequence, rest[:length])
+
+
+def _exactly(connection: socket.socket, count: int, until: float, may_end: bool = False) -> bytes | None:
+    """Read so many bytes; never more of them into memory than have come."""
+    got = bytearray()
+    while len(got) < count:
+        left = until - time.monotonic()
+        if left <= 0.0:
+            raise WireError(_silence(len(got)))
+        connection.settimeout(left)
+        try:
+            part = connection.recv(min(count - len(got), 65536))
+        except TimeoutError:
+            raise WireError(_silence(len(got))) from None
+        except OSError as error:
+            raise WireError(f"The connection broke: {error.strerror or error}.") from None
+        if not part:
+            if may_end and not got:
+                return None
+            raise WireError("The connection was closed within a message.")
+        got += part
+    return bytes(got)
+
+
+def _silence(received: int) -> str:
+    return "The other side is silent." if not received else "The other side fell silent within a message."
+
+
+def send(connection: socket.socket, frame: Frame, key: bytes, patience: float) -> None:
+    """Send a frame.
+
+    Parameters
+    ----------
+    connection : socket
+        Through which it goes.
+    frame : Frame
+        The message.
+    key : bytes
+        Of its tag.
+    patience : float
+        How long it may take [s].
+
+    Raises
+    ------
+    WireError
+        If the connection does not take it.
+    """
+    connection.settimeout(patience)
+    try:
+        connection.sendall(packed(frame, key))
+    except OSError as error:
+        raise WireError(f"The connection broke: {error.strerror or error}.") from None
+
+
+# --- payloads -------------------------------------------------------------------------------------------------------
+
+
+class Hello(BaseModel):
+    """What a client says first.
+
+    Attributes
+    ----------
+    nonce : str
+        Of the client, 16 bytes in hexadecimal.
+    software : str
+        That it is.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]
+    software: Annotated[str, Field(max_length=200)] = ""
+
+
+class Welcome(BaseModel):
+    """What a server answers.
+
+    Attributes
+    ----------
+    client_nonce : str
+        The client's, so that an old answer is none.
+    nonce : str
+        Of the server.
+    watchdog : float
+        Silence after which it holds the specimen and ends a session [s].
+    description : SpecimenDescription
+        Of its specimen.
+    """
+
+    model_config = ConfigDict(extra="forbid")
+
+    client_nonce: str
+    nonce: Annotated[str, Field(pattern=f"^[0-9a-f]{{{2 * NONCE}}}$")]
+    watchdog: Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+    description: SpecimenDescription
+
+
+def read_json(what: type[Message], payload: bytes) -> Message:
+    """Read a control message.
+
+    Parameters
+    ----------
+    what : type
+        `Hello` or `Welcome`.
+    payload : bytes
+        JSON.
+
+    Returns
+    -------
+    BaseModel
+        Checked.
+
+    Raises
+    ------
+    WireError
+        If it is anything else.
+    """
+    try:
+        return what.model_validate(json.loads(payload))
+    except (ValidationError, ValueError) as error:
+        raise WireError(f"A {what.__name__} came that is none: {str(error).splitlines()[0]}.") from None
+
+
+def packed_move(path: np.ndarray, averaged: int) -> bytes:
+    """Write a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample.
+
+    Parameters
+    ----------
+    path : ndarray, shape (sample, channel)
+        Commands [m].
+    averaged : int
+        Controller steps that are averaged.
+
+    Returns
+    -------
+    bytes
+        The payload.
+    """
+    return MOVE_HEAD.pack(*path.shape, averaged) + np.ascontiguousarray(path, dtype="<f8").tobytes()
+
+
+def read_move(payload: bytes) -> tuple[np.ndarray, int]:
+    """Read a path.
+
+    Parameters
+    ----------
+    payload : bytes
+        Of a MOVE.
+
+    Returns
+    -------
+    tuple of ndarray and int
+        Path (sample, channel), and how many steps are averaged.
+
+    Raises
+    ------
+    WireError
+        If it is none, or holds a number that is not finite.
+    """
+    if len(payload) < MOVE_HEAD.size:
+        raise WireError("A move came that is too short.")
+    samples, channels, averaged = MOVE_HEAD.unpack_from(payload)
+    if (
+        samples * channels * 8 != len(payload) - MOVE_HEAD.size
+        or not samples
+        or not channels
+        or not 1 <= averaged <= samples
+    ):
+        raise WireError(
+            f"A malformed move came: {samples} samples of {channels} channels, {averaged} averaged, {len(payload)} bytes."
+        )
+    path = np.frombuffer(payload, dtype="<f8", offset=MOVE_HEAD.size).reshape(samples, channels)
+    if not np.isfinite(path).all():
+        raise WireError("A move came with a number that is not finite.")
+    return path, averaged
+
+
+def packed_reading(reading: Reading) -> bytes:
+    """Write a reading: displacements, then forces, float64.
+
+    Parameters
+    ----------
+    reading : Reading
+        What was measured.
+
+    Returns
+    -------
+    bytes
+        The payload.
+    """
+    return np.concatenate(reading).astype("<f8").tobytes()
+
+
+def read_reading(payload: bytes, channels: int) -> Reading:
+    """Read a reading.
+
+    Parameters
+    ----------
+    payload : bytes
+        Of a READING.
+    channels : int
+        Of the specimen.
+
+    Returns
+    -------
+    Reading
+        Displacements and forces.
+
+    Raises
+    ------
+    WireError
+        If it is none, or holds a number that is not finite.
+    """
+    if len(payload) != 16 * channels:
+        raise WireError(f"A reading of {len(payload)} bytes came, and {channels} channels have {16 * channels}.")
+    values = np.frombuffer(payload, dtype="<f8")
+    if not np.isfinite(values).all():
+        raise WireError("A reading came with a number that is not finite.")
+    return Reading(values[:channels], values[channels:])

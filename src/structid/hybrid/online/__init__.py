@@ -1,0 +1,1 @@
+"""Parameters and models that are updated while a hybrid test runs."""

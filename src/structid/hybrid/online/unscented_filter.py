@@ -1,0 +1,180 @@
+"""Parameters of a specimen's law, followed while a test runs: an unscented Kalman filter.
+
+Source: S. J. Julier & J. K. Uhlmann (2004, Proc. IEEE 92, 401). The state is what a spring remembers, z and e_h, and the parameters
+in normal scores φ of their priors, θ = F⁻¹(Φ(φ)). So the filter starts from the prior exactly, and no parameter leaves its range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+from structid.hybrid.online.updated_springs import UpdatedSprings
+from structid.mechanics.restoring_forces import HystereticSprings
+from structid.models.traceable import TraceableModel, as_traceable
+from structid.probability.space import ParameterSpace
+
+CENTRE = 2.0
+"""Weight of the middle point in covariances: right for normal states. In means it has none."""
+BAND = 1.959964
+"""Standard deviations on either side of a band of 95 %."""
+REMEMBERED = ("z", "e_h")
+"""What a spring remembers besides where it is."""
+LEAST_VARIANCE = 1e-18
+"""Of a state that is known, so that a covariance has a root."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredPath:
+    """What the filter believed after every move.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the parameters.
+    mean, low, high : ndarray, shape (move, parameter)
+        At its mean, and at both ends of its band of 95 %, in SI.
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+
+@check_arguments
+class UnscentedFilter:
+    """Follows the parameters of a specimen of one channel, move by move, and may hand them to the numerical part.
+
+    It is a help while a test runs, and no posterior: it takes the law for true, its state for normal, and every move's noise for
+    independent. Where one of these fails, its bands are too narrow, and it does not notice.
+
+    Parameters
+    ----------
+    model : TraceableModel
+        A law of one spring with free parameters, such as `BoucWen`.
+    space : ParameterSpace
+        Their priors.
+    force_noise : float
+        Standard deviation of a measured force [N].
+    drift : float
+        Standard deviation of a random walk of the normal scores in a move: above zero the filter forgets.
+    updates : UpdatedSprings, optional
+        Springs of the numerical part that are built like the specimen.
+
+    Raises
+    ------
+    InputError
+        If the law is not one of a spring, or the noise is not positive.
+    """
+
+    def __init__(
+        self,
+        model: TraceableModel,
+        space: ParameterSpace,
+        force_noise: float,
+        *,
+        drift: float = 0.0,
+        updates: UpdatedSprings | None = None,
+    ) -> None:
+        self.model, self.space, self.updates = as_traceable(model, "UnscentedFilter.model"), space, updates
+        if not (force_noise > 0.0 and drift >= 0.0):
+            came = f"a noise of {force_noise:g} N, a drift of {drift:g}"
+            raise InputError("UnscentedFilter", came, "a positive noise, and a drift of 0 or more")
+        self.force_noise, self.drift = force_noise, drift
+        self._columns = [space.names.index(name) for name in self.model.free]
+        if not isinstance(force := self._forces(self._theta(np.zeros((1, len(space.names))))), HystereticSprings):
+            raise InputError(
+                "UnscentedFilter.model", f"a {model.kind_in_words}", "a law of one spring, such as BoucWen"
+            )
+        if force.dofs != 1:
+            raise InputError("UnscentedFilter.model", f"{force.dofs} displacements", "one")
+        count = len(REMEMBERED) + len(space.names)
+        self._mean = np.zeros(count)
+        self._covariance = np.eye(count)
+        self._covariance[: len(REMEMBERED)] *= LEAST_VARIANCE
+        self._place, self._datum = 0.0, 0.0
+        self._path: list[np.ndarray] = []
+
+    # --- a test -------------------------------------------------------------------------------------------------
+
+    def begin(self, datum: float) -> None:
+        """Begin a test; what was learnt in those before is kept.
+
+        Parameters
+        ----------
+        datum : float
+            Where the zero of the test is, from that of the first [m]; the specimen was moved there without being looked at.
+        """
+        self._datum, self._path = datum, []
+        if datum != self._place:
+            self._moved(datum, None)
+
+    def see(self, displacement: float, force: float) -> None:
+        """Take a move.
+
+        Parameters
+        ----------
+        displacement : float
+            Where the specimen was measured, from the zero of the test [m].
+        force : float
+            That was measured [N].
+        """
+        self._moved(self._datum + displacement, force)
+        scores, sd = self._mean[len(REMEMBERED) :], np.sqrt(np.diag(self._covariance)[len(REMEMBERED) :])
+        self._path.append(self._theta(np.stack([scores, scores - BAND * sd, scores + BAND * sd])))
+        if self.updates is not None:
+            springs = self._forces(self._path[-1][:1])
+            self.updates.adopt(springs)
+
+    def path(self) -> FilteredPath:
+        """Give what it believed in this test.
+
+        Returns
+        -------
+        FilteredPath
+            Move by move.
+        """
+        found = np.reshape(self._path, (len(self._path), 3, len(self.space.names)))
+        return FilteredPath(tuple(self.space.names), found[:, 0], found[:, 1], found[:, 2])
+
+    # --- the filter ---------------------------------------------------------------------------------------------
+
+    def _theta(self, scores: np.ndarray) -> np.ndarray:
+        """θ = F⁻¹(Φ(φ)), shape (point, parameter)."""
+        return self.space.quantile(np.clip(ndtr(scores), 1e-12, 1.0 - 1e-12))
+
+    def _forces(self, theta: np.ndarray) -> Any:
+        return self.model.static_force(theta[:, self._columns])
+
+    def _moved(self, place: float, measured: float | None) -> None:
+        """Propagate all points to a place, and correct them by the force that was measured there."""
+        count, memory = len(self._mean), len(REMEMBERED)
+        root = np.linalg.cholesky(self._covariance + LEAST_VARIANCE * np.eye(count))
+        spread = np.sqrt(count) * root.T
+        points = np.concatenate([self._mean[None], self._mean + spread, self._mean - spread])
+        known = {name: points[None, :, k] for k, name in enumerate(REMEMBERED)}
+        known["d"] = np.full((1, len(points)), self._place)
+        found, after = self._forces(self._theta(points[:, memory:])).at(known, np.full((1, len(points)), place))
+        points[:, :memory] = np.stack([after[name][0] for name in REMEMBERED], axis=1)
+        self._place = place
+        weights = np.r_[0.0, np.full(2 * count, 0.5 / count)]
+        of_products = np.r_[CENTRE, weights[1:]]
+        self._mean = weights @ points
+        away = points - self._mean
+        self._covariance = away.T @ (of_products[:, None] * away)
+        self._covariance[memory:, memory:] += self.drift**2 * np.eye(count - memory)
+        if measured is None:
+            return
+        foreseen = float(weights @ found[0])
+        missed = found[0] - foreseen
+        variance = float(of_products @ missed**2) + self.force_noise**2
+        gain = away.T @ (of_products * missed) / variance
+        self._mean = self._mean + gain * (measured - foreseen)
+        corrected = self._covariance - variance * np.outer(gain, gain)
+        self._covariance = 0.5 * (corrected + corrected.T)

@@ -1,0 +1,318 @@
+"""The recording of a test in progress: rows of numbers that neither a kill nor a full disk takes away, and that nobody waits for.
+
+The loop copies a row into mapped memory, which is the kernel's at once and survives the death of this process. A thread takes
+what has gathered there every `BLOCK` seconds to the project's journal, which is on disk when it returns. There are two such tails:
+one is filled while the other is written. Their room is reserved before the test begins. So a disk that is full is found out before
+anything moves, and one that fills up ends the test and loses nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import mmap
+import os
+import struct
+import threading
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+
+from structid.core.errors import InputError, StructidError
+from structid.core.journal import Journal
+
+BLOCK = 0.075
+"""Time between two blocks [s]."""
+TAIL_ROOM = 8 * 2**20
+"""Bytes of a tail at least."""
+ROWS_IN_TAIL = 256
+"""Rows that a tail has room for at least."""
+SCHEMA = "hybrid-test-1"
+JOURNAL = ".journal"
+"""What the name of a journal goes on with after that of its store."""
+_ENTRY = struct.Struct("<QQI")  # 1 + number of the row, bytes, CRC-32
+
+
+class RecordingError(StructidError):
+    """A recording that cannot go on; the test ends, and what was done is kept."""
+
+
+def journal_of(store: Path) -> Path:
+    """Name the journal of a store.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there will be.
+
+    Returns
+    -------
+    Path
+        Beside it.
+    """
+    return store.with_name(store.name + JOURNAL)
+
+
+def tails_of(store: Path) -> tuple[Path, Path]:
+    """Name the tails of a store.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there will be.
+
+    Returns
+    -------
+    tuple of Path
+        Beside it.
+    """
+    return store.with_name(store.name + ".tail0"), store.with_name(store.name + ".tail1")
+
+
+class _Tail:
+    """Rows in mapped memory, one after the other; a row counts when its checksum is right."""
+
+    def __init__(self, path: Path, room: int) -> None:
+        self.path, self.end, self.rows = path, 0, []  # type: ignore[var-annotated]
+        with path.open("w+b") as file:
+            os.posix_fallocate(file.fileno(), 0, room)
+            self.memory = mmap.mmap(file.fileno(), room)
+
+    def fits(self, row: bytes) -> bool:
+        return self.end + _ENTRY.size + len(row) <= len(self.memory)
+
+    def add(self, number: int, row: bytes) -> None:
+        body = self.end + _ENTRY.size
+        self.memory[body : body + len(row)] = row
+        # The head last: a row whose head is there is there.
+        self.memory[self.end : body] = _ENTRY.pack(number + 1, len(row), zlib.crc32(row))
+        self.end = body + len(row)
+        self.rows.append((number, row))
+
+    def clear(self) -> None:
+        self.memory[: _ENTRY.size] = bytes(_ENTRY.size)
+        self.end, self.rows = 0, []
+
+    def close(self) -> None:
+        self.memory.close()
+
+
+def _rows_left_in(path: Path) -> Iterator[tuple[int, bytes]]:
+    """Rows of a tail whose process has died."""
+    if not path.exists():
+        return
+    content, place = path.read_bytes(), 0
+    while place + _ENTRY.size <= len(content):
+        number, length, checksum = _ENTRY.unpack_from(content, place)
+        place += _ENTRY.size
+        row = content[place : place + length]
+        if number == 0 or len(row) < length or zlib.crc32(row) != checksum:
+            return
+        yield number - 1, row
+        place += length
+
+
+def _rows_in_tails(store: Path) -> dict[int, np.ndarray]:
+    """Rows that the tails hold, by number.
+
+    Rows move from a tail to the journal, so the journal is read after this: a row that moves between the two is seen in both.
+    """
+    left = (entry for tail in tails_of(store) for entry in _rows_left_in(tail))
+    return {number: np.frombuffer(row, dtype="<f8") for number, row in left}
+
+
+def _added_to(rows: dict[int, np.ndarray], entries: Iterable[Mapping[str, np.ndarray]]) -> dict[str, Any]:
+    """Add the rows of a journal's entries; what the recorder was told about rows, empty where no entry says it."""
+    about: dict[str, Any] = {}
+    for entry in entries:
+        if "about" in entry:
+            about = json.loads(entry["about"].tobytes())
+        else:
+            rows |= dict(enumerate(entry["rows"], start=int(entry["first"])))
+    return about
+
+
+class Recorder:
+    """Records rows of one length beside a store, until they are put into it.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there will be; nothing of that name may exist.
+    about : mapping
+        What one needs to read the rows, as JSON can represent it.
+    width : int
+        Numbers in a row.
+
+    Raises
+    ------
+    InputError
+        If there is a recording already, or no room for one.
+    """
+
+    def __init__(self, store: Path, about: Mapping[str, Any], width: int) -> None:
+        for path in (store, journal_of(store)):
+            if path.exists():
+                raise InputError(
+                    f"store {store}", f"{path.name} is there already", "a file that does not exist yet",
+                    "A recording is never written over. Name another file, or move this one away.",
+                )  # fmt: skip
+        self.store, self.width, self.failed = store, width, ""
+        store.parent.mkdir(parents=True, exist_ok=True)
+        self._journal = Journal(journal_of(store), {"schema": SCHEMA})
+        room = max(TAIL_ROOM, ROWS_IN_TAIL * (8 * width + _ENTRY.size))
+        try:
+            self._journal.append({"about": np.frombuffer(json.dumps(about).encode(), dtype=np.uint8)})
+            self._tails = [_Tail(path, room) for path in tails_of(store)]
+        except OSError as error:
+            for path in (*tails_of(store), journal_of(store)):
+                path.unlink(missing_ok=True)
+            raise InputError(
+                f"store {store}", f"its recording cannot be begun: {error.strerror}",
+                f"a disk with {2 * room / 2**20:.0f} MB to spare", "Nothing has moved.",
+            ) from None  # fmt: skip
+        self._count = 0
+        self._lock, self._due, self._closing = threading.Lock(), threading.Event(), False
+        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def add(self, row: np.ndarray) -> None:
+        """Record a row. It survives this process when this returns, and the machine a block later.
+
+        Parameters
+        ----------
+        row : ndarray, shape (width,)
+            Numbers.
+
+        Raises
+        ------
+        RecordingError
+            If earlier rows could not be written; this one is kept all the same.
+        """
+        content = np.ascontiguousarray(row, dtype="<f8").tobytes()
+        with self._lock:
+            tail = self._tails[0]
+            if not tail.fits(content):
+                raise RecordingError("The recording cannot keep up with the test: the disk is too slow.")
+            tail.add(self._count, content)
+            self._count += 1
+        if self.failed:
+            raise RecordingError(
+                f"The recording cannot go on: {self.failed}. Every finished step is kept beside {self.store}."
+            )
+
+    def _write(self) -> None:
+        """Take blocks to the journal until the recording is closed."""
+        while not self._closing:
+            self._due.wait(BLOCK)
+            self._take()
+
+    def _take(self) -> None:
+        with self._lock:
+            full = self._tails[0]
+            if not full.rows or self.failed:
+                return
+            self._tails.reverse()
+        try:
+            rows = np.stack([np.frombuffer(row, dtype="<f8") for _, row in full.rows])
+            self._journal.append({"first": np.array(full.rows[0][0]), "rows": rows})
+        except OSError as error:
+            # What this tail holds stays there, and the other one goes on.
+            self.failed = error.strerror or str(error)
+            return
+        full.clear()
+
+    def close(self) -> None:
+        """Write what is left, and end the thread."""
+        self._closing = True
+        self._due.set()
+        self._thread.join()
+        self._take()
+        for tail in self._tails:
+            tail.close()
+
+    def remove(self) -> None:
+        """Delete the recording, when what it holds is in the store."""
+        self._journal.remove()
+        for path in tails_of(self.store):
+            path.unlink(missing_ok=True)
+
+
+class Following:
+    """Reads the rows of a test while another process records them; it asks nothing of that process.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there will be.
+
+    Attributes
+    ----------
+    about : dict
+        What the recorder was told about the rows; empty until it is there.
+    count : int
+        Rows that were read so far.
+    """
+
+    def __init__(self, store: Path) -> None:
+        self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
+
+    def new_rows(self) -> np.ndarray:
+        """Read what has come since the last time.
+
+        Returns
+        -------
+        ndarray, shape (row, width)
+            In their order; none where nothing has come, or the recording has been put into its store.
+        """
+        try:
+            rows = _rows_in_tails(self.store)
+            entries, self._place = Journal.entries_after(journal_of(self.store), self._place)
+        except FileNotFoundError:
+            return np.zeros((0, 0))
+        self.about = _added_to(rows, entries) or self.about
+        found = []
+        while self.count in rows:
+            found.append(rows[self.count])
+            self.count += 1
+        return np.stack(found) if found else np.zeros((0, 0))
+
+
+def recorded(store: Path) -> tuple[dict[str, Any], np.ndarray]:
+    """Read a recording, also of a process that has died.
+
+    Parameters
+    ----------
+    store : Path
+        The HDF5 file that there should have been.
+
+    Returns
+    -------
+    tuple of dict and ndarray
+        What the recorder was told about the rows, and the rows (row, width).
+
+    Raises
+    ------
+    InputError
+        If there is none, or it lacks rows in its middle.
+    """
+    path = journal_of(store)
+    if not path.exists():
+        raise InputError(f"store {store}", "no recording is there", "the store of a hybrid test")
+    rows = _rows_in_tails(store)
+    about = _added_to(rows, Journal.read(path))
+    if sorted(rows) != list(range(len(rows))):
+        missing = next(k for k in range(len(rows)) if k not in rows)
+        raise InputError(f"store {store}", f"row {missing} is missing", "a whole recording")
+    return about, np.stack([rows[k] for k in range(len(rows))]) if rows else np.zeros((0, 0))

@@ -1,0 +1,276 @@
+"""A hybrid test on disk: one HDF5 file when it has ended, a recording beside it until then."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.journal import opened_hdf5, refuse_other_layout, write_then_rename
+from structid.core.validation import check_arguments
+from structid.ground_motion.record import GroundMotion
+from structid.hybrid.coupling.partitioned_run import (
+    CoarseHistory,
+    FineHistory,
+    PartHistory,
+    PartitionedHistories,
+    StepFrame,
+)
+from structid.hybrid.feasibility import Feasibility
+from structid.hybrid.hybrid_result import Event, HybridResult, MoveHistory
+from structid.hybrid.laboratory.specimen import SpecimenDescription
+from structid.hybrid.laboratory.specimen_force import Move
+from structid.hybrid.online.unscented_filter import FilteredPath
+from structid.hybrid.recording.recorder import SCHEMA, journal_of, recorded
+
+CUT_OFF = "The recording was cut off: its process died, or its disk was full. Every finished step is here."
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class About:
+    """What is known of a test before it begins, and what one needs to read its recording.
+
+    Parameters
+    ----------
+    description : SpecimenDescription
+        Of the specimen.
+    feasibility : Feasibility
+        Of the test.
+    record : GroundMotion
+        That shakes it.
+    frame : StepFrame
+        Of its steps.
+    moves_per_step : int
+        Motions of the specimen in a coarse step.
+    """
+
+    description: SpecimenDescription
+    feasibility: Feasibility
+    record: GroundMotion
+    frame: StepFrame
+    moves_per_step: int
+
+    def to_plain(self) -> dict[str, Any]:
+        """Give it ready for JSON, numbers to their last bit.
+
+        Returns
+        -------
+        dict
+            For `from_plain`.
+        """
+        frame = {f.name: getattr(self.frame, f.name) for f in dataclasses.fields(self.frame)}
+        return {
+            "description": self.description.model_dump(mode="json"),
+            "feasibility": dataclasses.asdict(self.feasibility),
+            "record": {"values": self.record.values.tolist(), "dt": self.record.dt, "name": self.record.name},
+            "frame": {n: v.tolist() if isinstance(v, np.ndarray) else v for n, v in frame.items()},
+            "moves_per_step": self.moves_per_step,
+        }
+
+    @classmethod
+    def from_plain(cls, plain: dict[str, Any]) -> About:
+        """Read it again.
+
+        Parameters
+        ----------
+        plain : dict
+            From `to_plain`.
+
+        Returns
+        -------
+        About
+            The same.
+        """
+        frame: dict[str, Any] = {n: np.array(v) if isinstance(v, list) else v for n, v in plain["frame"].items()}
+        return cls(
+            SpecimenDescription.model_validate(plain["description"]),
+            _feasibility(plain["feasibility"]),
+            GroundMotion(np.array(plain["record"]["values"]), plain["record"]["dt"], name=plain["record"]["name"]),
+            StepFrame(**frame),
+            plain["moves_per_step"],
+        )
+
+    # --- rows ---------------------------------------------------------------------------------------------------
+
+    @property
+    def width(self) -> int:
+        """Numbers in a row: a step's, then those of its moves."""
+        return self.frame.width + self.moves_per_step * 4 * len(self.description.channels)
+
+    def row(self, step: np.ndarray, moves: list[Move]) -> np.ndarray:
+        """Put a step and its moves into one row.
+
+        Parameters
+        ----------
+        step : ndarray, shape (frame width,)
+            From `StepFrame.row_of`.
+        moves : list of Move
+            At most `moves_per_step`; the start has one.
+
+        Returns
+        -------
+        ndarray, shape (width,)
+            NaN for moves that are missing.
+        """
+        found = np.full(self.width, np.nan)
+        found[: len(step)] = step
+        values = np.ravel(moves)
+        found[len(step) : len(step) + len(values)] = values
+        return found
+
+    def result(self, rows: np.ndarray, events: list[Event], stiffness_ratio: float = np.nan) -> HybridResult:
+        """Read rows as a result.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (row, width)
+            The start, then the steps.
+        events : list of Event
+            Of the test.
+        stiffness_ratio : float
+            That was seen.
+
+        Returns
+        -------
+        HybridResult
+            As far as they go.
+        """
+        channels, frame = len(self.description.channels), self.frame
+        histories = frame.histories(rows[:, : frame.width]) if len(rows) else None
+        moves = rows[:, frame.width :].reshape(-1, 4, channels)
+        moves = moves[~np.isnan(moves[:, 0, 0])]
+        time = np.arange(len(moves)) * frame.dt / self.moves_per_step
+        history = MoveHistory(time, *np.moveaxis(moves, 1, 0))
+        return HybridResult(
+            histories, history, tuple(events), self.feasibility, self.description, self.record, stiffness_ratio
+        )
+
+
+def _feasibility(plain: dict[str, Any]) -> Feasibility:
+    """Read one from JSON, which has lists for tuples."""
+    fields: dict[str, Any] = {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
+    return Feasibility(**fields)
+
+
+def save(result: HybridResult, path: Path) -> None:
+    """Write a result completely or not at all.
+
+    Parameters
+    ----------
+    result : HybridResult
+        Of a test that has ended.
+    path : Path
+        The HDF5 file.
+
+    Raises
+    ------
+    OSError
+        If the disk does not take it.
+    """
+    import h5py
+
+    content = io.BytesIO()  # in memory: HDF5 does not survive a disk that fills up while it closes a file
+    with h5py.File(content, "w") as file:
+        file.attrs["schema"] = SCHEMA
+        file.attrs["about"] = json.dumps(
+            {
+                "description": result.description.model_dump(mode="json"),
+                "feasibility": dataclasses.asdict(result.feasibility),
+                "events": [list(event) for event in result.events],
+                "stiffness_ratio": result.stiffness_ratio,
+                "record": {"dt": result.record.dt, "name": result.record.name},
+                "online": [] if result.online is None else list(result.online.names),
+            }
+        )
+        file["record"] = result.record.values
+        _write(file, "moves", result.moves)
+        if result.histories is not None:
+            _write(file, "histories", result.histories)
+        if result.online is not None:
+            for name in FILTERED:
+                file[f"online/{name}"] = getattr(result.online, name)
+    write_then_rename(path, content.getvalue())
+
+
+def _write(group: Any, name: str, value: Any) -> None:
+    """Arrays of nested dataclasses, by the names of their fields."""
+    if isinstance(value, np.ndarray):
+        group.create_dataset(name, data=value)
+        return
+    inner = group.create_group(name)
+    for field in dataclasses.fields(value):
+        _write(inner, field.name, getattr(value, field.name))
+
+
+NESTED: dict[str, type] = {
+    "histories": PartitionedHistories,
+    "coarse": CoarseHistory,
+    "fine": FineHistory,
+    "numerical": PartHistory,
+    "physical": PartHistory,
+    "part": PartHistory,
+    "moves": MoveHistory,
+}
+"""Of which class a group is."""
+
+
+def _read(group: Any, name: str) -> Any:
+    found = group[name]
+    if name not in NESTED:
+        return found[()]
+    return NESTED[name](*(_read(found, field.name) for field in dataclasses.fields(NESTED[name])))
+
+
+FILTERED = ("mean", "low", "high")
+"""Arrays of a filter's path."""
+
+
+def _filtered(file: Any, names: list[str]) -> FilteredPath | None:
+    return FilteredPath(tuple(names), *(file[f"online/{name}"][()] for name in FILTERED)) if names else None
+
+
+@check_arguments
+def open_hybrid(path: str | Path) -> HybridResult:
+    """Open a hybrid test that has ended, in whatever way.
+
+    Parameters
+    ----------
+    path : path-like
+        Its store.
+
+    Returns
+    -------
+    HybridResult
+        Also of a test whose process died: then from its recording.
+
+    Raises
+    ------
+    InputError
+        If there is neither, or it is damaged.
+    """
+    store = Path(path)
+    if not store.exists() and journal_of(store).exists():
+        about, rows = recorded(store)
+        known = About.from_plain(about)
+        return known.result(rows, [Event(max(len(rows) - 1, 0) * known.frame.dt, CUT_OFF)])
+    if not store.exists():
+        raise InputError(f"store {store}", "no such file", "the store of a hybrid test")
+    with opened_hdf5(store, "a hybrid test") as file:
+        refuse_other_layout(store, file.attrs["schema"], SCHEMA)
+        about = json.loads(file.attrs["about"])
+        histories = _read(file, "histories") if "histories" in file else None
+        return HybridResult(
+            histories,
+            _read(file, "moves"),
+            tuple(Event(*event) for event in about["events"]),
+            _feasibility(about["feasibility"]),
+            SpecimenDescription.model_validate(about["description"]),
+            GroundMotion(file["record"][()], about["record"]["dt"], name=about["record"]["name"]),
+            about["stiffness_ratio"],
+            _filtered(file, about["online"]),
+        )

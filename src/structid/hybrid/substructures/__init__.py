@@ -1,0 +1,1 @@
+"""Substructures: the parts into which a structure is divided."""

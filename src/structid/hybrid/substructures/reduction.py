@@ -1,0 +1,200 @@
+"""Substructures of few degrees of freedom: static condensation, and constraint modes with a few modes of the held part.
+
+Sources: R. J. Guyan (1965) for the first, R. R. Craig & M. C. C. Bampton (1968) for the second; see docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+from structid.hybrid.substructures.substructure import Substructure
+
+
+class Matrices(NamedTuple):
+    """Matrices of a linear part.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : ndarray, shape (dof, dof)
+        M [kg], C [N s/m], K [N/m].
+    influence : ndarray, shape (dof,)
+        ι, the displacement of each degree of freedom with the base.
+    """
+
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+    influence: np.ndarray
+
+    def onto(self, basis: np.ndarray) -> Matrices:
+        """Restrict the motion to u = T q: Tᵀ M T, Tᵀ C T, Tᵀ K T, and ι with M_r ι_r = Tᵀ M ι.
+
+        Parameters
+        ----------
+        basis : ndarray, shape (dof, coordinate)
+            T.
+
+        Returns
+        -------
+        Matrices
+            Of the coordinates.
+        """
+        # Symmetric in exact arithmetic; where stiff parts cancel, rounding would show.
+        mass, damping, stiffness = (0.5 * (small + small.T) for small in (basis.T @ full @ basis for full in self[:3]))
+        return Matrices(mass, damping, stiffness, np.linalg.solve(mass, basis.T @ self.mass @ self.influence))
+
+
+def constraint_modes(stiffness: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+    """Where a part comes to rest when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (dof, dof)
+        K.
+    kept : sequence of int
+        Degrees of freedom from 0.
+
+    Returns
+    -------
+    ndarray, shape (dof, kept)
+        A column for each, in their order.
+
+    Raises
+    ------
+    InputError
+        If what is not kept can move without force.
+    """
+    kept = list(kept)
+    count = len(stiffness)
+    if len(set(kept)) < len(kept) or not set(kept) <= set(range(count)) or not kept:
+        raise InputError("kept", f"{kept}", f"numbers from 0 to {count - 1}, each once")
+    inner = np.setdiff1d(np.arange(count), kept)
+    basis = np.zeros((count, len(kept)))
+    basis[kept, np.arange(len(kept))] = 1.0
+    if len(inner):
+        held = stiffness[np.ix_(inner, inner)]
+        if np.linalg.cond(held) > 1e14:
+            raise InputError("kept", f"{kept}, and what is left can move without force", "enough to hold the part")
+        basis[inner] = -np.linalg.solve(held, stiffness[np.ix_(inner, np.array(kept))])
+    return basis
+
+
+@check_arguments
+def reduced_by_guyan(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    stiffness: np.ndarray,
+    kept: Sequence[int],
+    interface: Sequence[int],
+    *,
+    influence: np.ndarray | None = None,
+    name: str = "substructure",
+) -> Substructure:
+    """Keep some degrees of freedom; the others follow as they would without inertia.
+
+    Stiffness is exact, mass is not: frequencies come out too high, the more so the higher they are.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : array-like, shape (dof, dof)
+        M [kg], which need not be positive definite, C [N s/m] and K [N/m].
+    kept : sequence of int
+        Degrees of freedom from 0.
+    interface : sequence of int
+        Which of them, by their numbers in the whole part, are at the interface.
+    influence : array-like, shape (dof,), optional
+        ι; one for all when left out.
+    name : str
+        Of the part.
+
+    Returns
+    -------
+    Substructure
+        With the degrees of freedom in the order of `kept`.
+
+    Examples
+    --------
+    >>> chain = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]])
+    >>> part = reduced_by_guyan(np.diag([0.0, 0.0, 1.0]), 0.0 * chain, chain, kept=[2], interface=[2])
+    >>> print(f"{part.stiffness[0, 0]:.6f}")
+    0.333333
+    """
+    whole = _matrices(mass, damping, stiffness, influence)
+    small = whole.onto(constraint_modes(whole.stiffness, kept))
+    rows = [list(kept).index(dof) for dof in _among(interface, kept)]
+    return Substructure(*small[:3], rows, influence=small.influence, name=name)
+
+
+@check_arguments
+def reduced_by_craig_bampton(
+    mass: np.ndarray,
+    damping: np.ndarray,
+    stiffness: np.ndarray,
+    interface: Sequence[int],
+    modes: int,
+    *,
+    influence: np.ndarray | None = None,
+    name: str = "substructure",
+) -> Substructure:
+    """Keep the interface, and the lowest modes of the part whose interface is held.
+
+    Parameters
+    ----------
+    mass, damping, stiffness : array-like, shape (dof, dof)
+        M [kg], C [N s/m] and K [N/m].
+    interface : sequence of int
+        Degrees of freedom from 0.
+    modes : int
+        Number of modes, 0 or more. They have a mass of 1 kg.
+    influence : array-like, shape (dof,), optional
+        ι; one for all when left out.
+    name : str
+        Of the part.
+
+    Returns
+    -------
+    Substructure
+        First the interface, then the modes from the lowest.
+
+    Examples
+    --------
+    >>> chain = np.array([[1.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
+    >>> part = reduced_by_craig_bampton(np.eye(3), 0.0 * chain, chain, interface=[0], modes=2)
+    >>> whole = np.linalg.eigvalsh(chain)
+    >>> np.allclose(np.linalg.eigvals(np.linalg.solve(part.mass, part.stiffness)).max(), whole.max())
+    True
+    """
+    whole = _matrices(mass, damping, stiffness, influence)
+    inner = np.setdiff1d(np.arange(len(whole.mass)), list(interface))
+    if not 0 <= modes <= len(inner):
+        raise InputError("modes", f"{modes!r}", f"a whole number from 0 to {len(inner)}, the held part has no more")
+    held = np.ix_(inner, inner)
+    fixed = np.zeros((len(whole.mass), modes))
+    if modes:
+        fixed[inner] = scipy.linalg.eigh(whole.stiffness[held], whole.mass[held], subset_by_index=[0, modes - 1])[1]
+    small = whole.onto(np.hstack([constraint_modes(whole.stiffness, interface), fixed]))
+    return Substructure(*small[:3], list(range(len(list(interface)))), influence=small.influence, name=name)
+
+
+def _matrices(mass: object, damping: object, stiffness: object, influence: object) -> Matrices:
+    """Check that they are of one size."""
+    given = [np.asarray(matrix, dtype=np.float64) for matrix in (mass, damping, stiffness)]
+    count = len(given[2])
+    if any(matrix.shape != (count, count) for matrix in given):
+        raise InputError("matrices", ", ".join(str(m.shape) for m in given), "three square matrices of one size")
+    iota = np.ones(count) if influence is None else np.asarray(influence, dtype=np.float64)
+    if iota.shape != (count,):
+        raise InputError("influence", f"shape {iota.shape}", f"({count},)")
+    return Matrices(given[0], given[1], given[2], iota)
+
+
+def _among(interface: Sequence[int], kept: Sequence[int]) -> Sequence[int]:
+    if not set(interface) <= set(kept):
+        raise InputError("interface", f"{list(interface)}", f"among what is kept: {list(kept)}")
+    return interface

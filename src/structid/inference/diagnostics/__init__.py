@@ -1,0 +1,1 @@
+"""Diagnostics of draws: convergence, residuals, identifiability, the verdict."""

@@ -1,0 +1,168 @@
+"""Groups of the ArviZ schema: draws and their statistics, and for a posterior its measurement and predictions."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.core.streams import Purpose, derived_seed, stream
+from structid.core.units import factor, si_unit
+from structid.inference.likelihood.posterior import Posterior
+
+LIBRARY = {
+    "inference_library": "structid",
+    "inference_library_version": importlib.metadata.version("structid"),
+    "creation_library": "structid",
+}
+"""Attributes of every group, as the schema has them."""
+EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m", "rotation": "rad"}
+"""SI unit of what drives a model, by its kind; of several at once each signal has its own."""
+
+
+def groups_of_draws(
+    draws: np.ndarray, ensemble: np.ndarray, statistics: Mapping[str, np.ndarray], units: Mapping[str, str]
+) -> dict[str, Any]:
+    """Groups that every sampler has: the posterior and the statistics of its draws.
+
+    Parameters
+    ----------
+    draws : ndarray, shape (chain, draw, parameter)
+        In SI.
+    ensemble : ndarray of int, shape (chain,)
+        The ensemble each chain belongs to.
+    statistics : mapping of str to ndarray, shape (chain, draw)
+        Of every draw.
+    units : mapping of str to str
+        Display unit of every parameter, in order.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    dims = ("chain", "draw")
+    coordinates = {
+        "chain": np.arange(len(draws)),
+        "draw": np.arange(draws.shape[1]),
+        "ensemble": ("chain", ensemble),
+    }
+    plain = {name: (dims, v) for name, v in statistics.items()}
+    return {
+        "posterior": xarray.Dataset(_with_units(draws, units), coords=coordinates, attrs=LIBRARY),
+        "sample_stats": xarray.Dataset(plain, coords=coordinates, attrs=LIBRARY),
+    }
+
+
+def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
+    """Variables of draws (chain, draw, parameter) in SI: each with its unit, the one in which it was declared, and their ratio.
+
+    ``units`` is the netCDF convention's name, which xarray puts on axes.
+    """
+    return {
+        name: (
+            ("chain", "draw"),
+            draws[:, :, i],
+            {"unit": si_unit(unit), "units": si_unit(unit), "display_unit": unit, "display_factor": factor(unit)},
+        )
+        for i, (name, unit) in enumerate(units.items())
+    }
+
+
+def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
+    """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model and measurements.
+    theta : ndarray, shape (draw, parameter)
+        Thinned posterior draws in SI.
+    seed : int
+        Seed of prior draws and discrepancy.
+    predictions : bool
+        Simulate the predictives and the pointwise log-likelihood.
+
+    Returns
+    -------
+    dict of str to xarray.Dataset
+        By group name.
+    """
+    import xarray
+
+    prior = posterior.space.sample(len(theta), derived_seed(seed, Purpose.PRIOR_DRAWS)).values
+    draws = {"chain": [0], "draw": np.arange(len(theta))}
+    groups: dict[str, Any] = {
+        "prior": xarray.Dataset(_with_units(prior[None], posterior.units), coords=draws, attrs=LIBRARY)
+    }
+    parts: dict[str, dict[str, Any]] = {}
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        dims = (f"time{suffix}", f"channel{suffix}")
+        coords = {dims[0]: observation.record.time, dims[1]: list(observation.channels)}
+
+        def put(group: str, name: str, values: np.ndarray, dims: tuple[str, ...], coords: dict[str, Any]) -> None:
+            parts.setdefault(group, {})[name] = xarray.DataArray(values, dims=dims, coords=coords)
+
+        put("observed_data", f"y{suffix}", observation.values, dims, coords)
+        driven = dims[:1] if observation.record.values.ndim == 1 else (dims[0], f"signal{suffix}")
+        put(
+            "constant_data",
+            f"excitation{suffix}",
+            observation.record.values,
+            driven,
+            {dims[0]: observation.record.time},
+        )
+        if predictions:
+            every = ("chain", "draw", *dims)
+            put(
+                "posterior_predictive",
+                f"y{suffix}",
+                _observable(posterior, theta, index, seed, Purpose.PREDICTION_ON_THE_RECORD)[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "prior_predictive",
+                f"y{suffix}",
+                _observable(posterior, prior, index, seed, Purpose.PREDICTION_FROM_THE_PRIOR)[None],
+                every,
+                coords | draws,
+            )
+            put(
+                "log_likelihood",
+                f"y{suffix}",
+                posterior.pointwise_log_likelihood(theta, index)[None],
+                every,
+                coords | draws,
+            )
+    for group, variables in parts.items():
+        if group != "log_likelihood":
+            _declare_units(variables, posterior)
+    attributes = {**LIBRARY, "excitation": [o.record.name for o in posterior.observations]}
+    return groups | {group: xarray.Dataset(variables, attrs=attributes) for group, variables in parts.items()}
+
+
+def _declare_units(variables: Mapping[str, Any], posterior: Posterior) -> None:
+    """Put the SI unit into every variable: of its channels, or of what drove them."""
+    for index, observation in enumerate(posterior.observations):
+        suffix = "" if len(posterior.observations) == 1 else f"_{index + 1}"
+        driven = ", ".join(EXCITATION_UNITS.get(kind, "SI") for kind in observation.record.kind.split("+"))
+        for name, unit in ((f"y{suffix}", ", ".join(observation.si_units)), (f"excitation{suffix}", driven)):
+            if name in variables:
+                variables[name].attrs["unit"] = unit
+
+
+def _observable(posterior: Posterior, theta: np.ndarray, index: int, seed: int, purpose: Purpose) -> np.ndarray:
+    rng = stream(seed, purpose, index)
+    response = posterior.predict(theta, index)
+    unknown = posterior.unknowns(theta, index)
+    observation = posterior.observations[index]
+    dt = observation.record.dt
+    sd = 1.0 if observation.sd is None else observation.sd
+    errors = posterior.discrepancy.draw(rng, response.shape, unknown, observation.channels, dt)
+    return np.asarray(response + sd * errors)

@@ -1,0 +1,91 @@
+"""What to know besides convergence: whether the model is wrong for the data, and whether a surrogate is good enough."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.prediction.best_prediction import UNEXPLAINED_LIMIT, BestPrediction
+from structid.inference.prediction.parameter_drift import ParameterDrift
+from structid.models.base import StandIn
+
+SURROGATE_NATS = 2.0
+"""Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
+
+
+def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: np.ndarray) -> list[str]:
+    """Say what speaks against the model.
+
+    Parameters
+    ----------
+    best : BestPrediction
+        What its best prediction leaves; NaN where nothing is measured.
+    drift : ParameterDrift or None
+        How far its parameters drift.
+    mean : ndarray, shape (parameter,)
+        Posterior means in SI.
+
+    Returns
+    -------
+    list of str
+        A sentence each.
+    """
+    found = []
+    if best.unexplained > UNEXPLAINED_LIMIT:
+        left = f"Its best prediction leaves {100.0 * best.unexplained:.0f} % of the measurement's variance unexplained"
+        if best.of_another_size:
+            left += (
+                f", and has {best.peak:.2g} times the measured peak: are the units of the measurement, of the record and of the "
+                "priors right, and numbers without a unit in SI"
+            )
+        found.append(left + ("?" if best.of_another_size else "."))
+    if drift is not None and drift.found:
+        found.append(drift.sentence(mean))
+    return found
+
+
+def surrogate_warnings(
+    posterior: Posterior, draws: np.ndarray, unexplained: float, certified: bool | None
+) -> list[str]:
+    """Say where a surrogate may have moved the posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        That was sampled.
+    draws : ndarray, shape (draw, parameter)
+        Of it, in SI.
+    unexplained : float
+        Fraction of the measurement's variance that the best prediction leaves.
+    certified : bool or None
+        Whether runs of the model have shown that the surrogate is good enough; None if not checked.
+
+    Returns
+    -------
+    list of str
+        A sentence each; none where the model stands for itself, or the surrogate is certified.
+    """
+    stand_in = posterior.model.stand_in
+    if stand_in is None or certified:
+        return []
+    found = []
+    if certified is None and _matters(posterior, stand_in, unexplained):
+        found.append(
+            f"the surrogate's own error ({stand_in.relative_error:.1g} of the response's variance) is not small beside what the "
+            f"measurement leaves unexplained ({unexplained:.1g}): it may have moved the posterior; do more true runs, or let "
+            "structid.calibrate certify it"
+        )
+    outside = float(stand_in.outside(np.asarray(posterior.model_parameters(draws))).mean())
+    if outside > 0.0:
+        cure = "widen its design, or do more true runs there" if certified is None else "more true runs go there"
+        found.append(
+            f"{outside:.1%} of the draws lie outside the range the surrogate was fitted to, where little is known of the model: "
+            + cure
+        )
+    return found
+
+
+def _matters(posterior: Posterior, stand_in: StandIn, unexplained: float) -> bool:
+    """Whether a surrogate's error changes the log-likelihood by more than a nat or so: T/2 · ε/u."""
+    samples = sum(len(o.values) for o in posterior.observations)
+    return 0.5 * samples * stand_in.relative_error > SURROGATE_NATS * unexplained

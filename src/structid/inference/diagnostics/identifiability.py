@@ -1,0 +1,133 @@
+"""What the data can see: Fisher information at a point, and the parameter combinations they cannot see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.engine.device import jnp
+from structid.inference.likelihood.observation_likelihood import BoundLikelihood
+from structid.inference.likelihood.posterior import Posterior
+from structid.models.traceable import as_traceable
+
+SEEN = 1.0
+"""Information, in units of the prior's, below which the data say less about a combination than the prior does."""
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """Fisher information of the model's parameters and nuisances, relative to the prior.
+
+    With the whitened sensitivities S = L⁻¹ ∂y/∂θ (L Lᵀ the covariance of ε) the information is F = SᵀS. In units of the
+    prior's standard deviations s, F̃ = diag(s) F diag(s): an eigenvalue of F̃ says how many times better the data determine a
+    combination than the prior does (in variance).
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters.
+    fisher : ndarray, shape (parameter, parameter)
+        F in SI.
+    eigenvalues : ndarray, shape (parameter,)
+        Of F̃, falling.
+    eigenvectors : ndarray, shape (parameter, parameter)
+        Columns: the combinations, in prior standard deviations.
+    cramer_rao_sd : ndarray, shape (parameter,)
+        √diag F⁻¹ in SI: the smallest sd of an unbiased estimate from these data alone.
+    prior_sd : ndarray, shape (parameter,)
+        In SI.
+    """
+
+    names: tuple[str, ...]
+    fisher: np.ndarray = field(repr=False)
+    eigenvalues: np.ndarray
+    eigenvectors: np.ndarray = field(repr=False)
+    cramer_rao_sd: np.ndarray
+    prior_sd: np.ndarray = field(repr=False)
+
+    @property
+    def unseen(self) -> list[str]:
+        """Combinations about which the data say less than the prior, in words."""
+        return [self.combination(i) for i in range(len(self.names)) if self.eigenvalues[i] < SEEN]
+
+    def combination(self, index: int) -> str:
+        """One eigenvector in words.
+
+        Parameters
+        ----------
+        index : int
+            Which one, counted from the best determined.
+
+        Returns
+        -------
+        str
+            Such as ``"0.98 beta − 0.20 alpha"``, in prior standard deviations; a name alone where it is of one parameter.
+        """
+        vector = self.eigenvectors[:, index]
+        vector = vector * np.sign(vector[np.argmax(np.abs(vector))])
+        order = [i for i in np.argsort(-np.abs(vector)) if abs(vector[i]) > 0.1]
+        if len(order) == 1:
+            return str(self.names[order[0]])
+        text = " ".join(f"{'−' if vector[i] < 0 else '+'} {abs(vector[i]):.2f} {self.names[i]}" for i in order)
+        return text.removeprefix("+ ")
+
+
+def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
+    """Fisher information at a point, by exact sensitivities.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of a model with derivatives.
+    theta : ndarray, shape (parameter,)
+        The point in SI, such as the MAP estimate; the discrepancy's parameters are held there.
+
+    Returns
+    -------
+    Identifiability
+        Over the model's parameters and the nuisances.
+
+    Raises
+    ------
+    InputError
+        If the model has no derivatives.
+    """
+    as_traceable(posterior.model, "identifiability", "a built-in model")
+    own = posterior.likelihood.discrepancy_names
+    kept = [i for i, name in enumerate(posterior.names) if name not in own]
+    point = jnp.asarray(theta)[None, :]
+
+    def whitened(moved: Any, bound: BoundLikelihood) -> Any:
+        response, _ = bound.response(moved, bound.measured)
+        unknown = jax.lax.stop_gradient(bound.unknowns(point))
+        shown = bound.observation.in_sds(bound.shown(response, moved))
+        return bound.discrepancy.whiten(shown, unknown, bound.channels, bound.dt)
+
+    def sensitivity(bound: BoundLikelihood) -> np.ndarray:
+        def along(direction: Any) -> Any:
+            return jax.jvp(lambda t: whitened(t, bound), (point,), (direction[None, :],))[1]
+
+        directions = jnp.eye(point.shape[1])[jnp.array(kept)]
+        return np.asarray(jax.jit(jax.vmap(along))(directions)).reshape(len(kept), -1)
+
+    # One block of data after another.
+    stacked = np.concatenate([sensitivity(bound) for bound in posterior.likelihood.of], axis=1)
+    fisher = stacked @ stacked.T
+    prior_sd = np.array([list(posterior.space.marginals.values())[i].moments[1] for i in kept])
+    scaled = fisher * np.outer(prior_sd, prior_sd)
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    # A combination without information has infinite variance, and so has every parameter with a part in it.
+    dark = eigenvalues < 1e-13 * eigenvalues[-1]
+    variance = (vectors**2 / np.where(dark, 1.0, eigenvalues)).sum(axis=1, where=~dark[None, :])
+    variance = np.where((vectors**2 * dark).sum(axis=1) > 1e-10, np.inf, variance)
+    return Identifiability(
+        tuple(posterior.names[i] for i in kept),
+        fisher,
+        np.maximum(eigenvalues[::-1], 0.0),
+        vectors[:, ::-1],
+        prior_sd * np.sqrt(variance),
+        prior_sd,
+    )

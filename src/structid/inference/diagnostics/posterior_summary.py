@@ -1,0 +1,125 @@
+"""The table of a sampling: moments, quantiles, best point, diagnostics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.core.notebook import ShownAsText
+from structid.core.units import factor, label
+
+if TYPE_CHECKING:
+    import pandas
+
+
+@dataclass(frozen=True)
+class ErrorSD:
+    """Standard deviation of the errors of a channel, in its display unit.
+
+    Parameters
+    ----------
+    variance : str
+        Name of its square among the parameters.
+    unit : str
+        Display unit.
+    low, median, high : float
+        Quantiles at 5, 50 and 95 %.
+    """
+
+    variance: str
+    unit: str
+    low: float
+    median: float
+    high: float
+
+    def __str__(self) -> str:
+        unit = f" {self.unit}" if self.unit else ""
+        return f"the root of {self.variance}: {self.median:.3g}{unit} (90 %: {self.low:.3g} to {self.high:.3g}{unit})"
+
+
+@dataclass(frozen=True)
+class Summary(ShownAsText):
+    """Posterior moments, quantiles, best point and diagnostics, one row per parameter, in display units.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Parameters and their display units.
+    columns : dict of str to ndarray, shape (parameter,)
+        ``mean``, ``sd``, ``robust_sd`` (of a posterior on a built-in model or a surrogate), ``q05``, ``median``, ``q95``,
+        ``map``, ``r_hat``, ``ess_bulk``, ``ess_tail``, ``tau``.
+    sd_units : dict of str to str
+        Display unit of the standard deviation that belongs to each variance of the errors, by the name of the variance.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: dict[str, np.ndarray]
+    sd_units: dict[str, str] = field(default_factory=dict)
+
+    def of(self, places: list[int]) -> Summary:
+        """Select some of the parameters.
+
+        Parameters
+        ----------
+        places : list of int
+            Which rows.
+
+        Returns
+        -------
+        Summary
+            Of these alone.
+        """
+        columns = {key: column[places] for key, column in self.columns.items()}
+        names, units = (tuple(column[i] for i in places) for column in (self.names, self.units))
+        sds = {name: unit for name, unit in self.sd_units.items() if name in names}
+        return replace(self, names=names, units=units, columns=columns, sd_units=sds)
+
+    def row(self, name: str) -> dict[str, float]:
+        """One parameter's figures.
+
+        Parameters
+        ----------
+        name : str
+            The parameter.
+
+        Returns
+        -------
+        dict of str to float
+            By column.
+        """
+        index = self.names.index(name)
+        return {column: float(values[index]) for column, values in self.columns.items()}
+
+    @property
+    def error_sds(self) -> list[ErrorSD]:
+        """Standard deviation of the errors, the square root of each variance, in the unit of the measurement."""
+        found = []
+        for name, unit in self.sd_units.items():
+            row, variance = self.row(name), factor(self.units[self.names.index(name)])
+            # The root is monotone, so that it carries quantiles over.
+            low, median, high = (np.sqrt(row[key] * variance) / factor(unit) for key in ("q05", "median", "q95"))
+            found.append(ErrorSD(name, unit, float(low), float(median), float(high)))
+        return found
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Give the table as pandas has it.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row for each parameter, in display units, which are in the column ``unit``.
+        """
+        import pandas
+
+        return pandas.DataFrame({"unit": list(self.units), **self.columns}, index=list(self.names))
+
+    def __str__(self) -> str:
+        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
+        width = max(len(h) for h in heads)
+        lines = ["".ljust(width) + "".join(c.rjust(13) for c in self.columns)]
+        for i, head in enumerate(heads):
+            lines.append(head.ljust(width) + "".join(f"{values[i]:13.5g}" for values in self.columns.values()))
+        return "\n".join([*lines, *(f"sd of the errors, {spread}" for spread in self.error_sds)])

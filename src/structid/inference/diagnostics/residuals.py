@@ -1,0 +1,157 @@
+"""What a fit leaves: whitened residuals, whether they are white, and standard deviations that allow for it if they are not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from structid.inference.convergence import autocovariance
+from structid.inference.error_models.base import ErrorLaw
+from structid.inference.likelihood.posterior import Posterior
+
+LARGEST_CORRELATION = 0.2
+"""A law is said not to describe a whitened residual whose autocorrelation reaches this."""
+WHITE_BOUND = 5.0
+"""The same in standard deviations, 1/√T, of the autocorrelation of white noise: short histories are noisy."""
+SHARE_OF_LAGS = 0.1
+"""Lags that are looked at, as a share of the history."""
+UNEVEN = 3.0
+"""Power over that of white noise from which on a peak of the spectrum is told of; those of white noise reach 2.4."""
+MUCH_WIDER = 1.5
+"""A warning is given where robust standard deviations are this many times the posterior's own."""
+
+
+@dataclass(frozen=True, eq=False)
+class WhitenedResidual:
+    """L⁻¹ (y − M(θ)) of one channel, L Lᵀ being the covariance of ε: independent unit normals where model and law are right.
+
+    Parameters
+    ----------
+    channel : str
+        What was measured.
+    record : str
+        On which record.
+    dt : float
+        Time step [s].
+    values : ndarray, shape (time,)
+        The residual, a pure number.
+    observation : int
+        Of which observation, from 0.
+    """
+
+    channel: str
+    record: str
+    dt: float
+    values: np.ndarray = field(repr=False)
+    observation: int = 0
+
+    @property
+    def autocorrelation(self) -> np.ndarray:
+        """ρ of the lags 0, 1, … up to a tenth of the history, shape (lag,)."""
+        count = max(int(SHARE_OF_LAGS * len(self.values)), 2)
+        covariance = autocovariance(self.values[:, None])[:count, 0]
+        return np.asarray(covariance / covariance[0])
+
+    @property
+    def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [Hz] and power relative to that of white noise (Welch), each of shape (frequency,)."""
+        segment = min(len(self.values), max(len(self.values) // 8, 64))
+        frequency, power = scipy.signal.welch(self.values, 1.0 / self.dt, nperseg=segment)
+        return frequency[1:], power[1:] / (2.0 * self.dt * self.values.var())
+
+    @property
+    def bound(self) -> float:
+        """Autocorrelation beyond which the residual is taken to be correlated."""
+        return float(max(LARGEST_CORRELATION, WHITE_BOUND / np.sqrt(len(self.values))))
+
+    @property
+    def largest(self) -> tuple[float, float]:
+        """The largest autocorrelation in size, and its lag [s]."""
+        correlation = self.autocorrelation
+        lag = 1 + int(np.argmax(np.abs(correlation[1:])))
+        return float(correlation[lag]), lag * self.dt
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Frequency [Hz] at which the spectrum is largest, and how many times the power of white noise it has there."""
+        frequency, power = self.spectrum
+        place = int(np.argmax(power))
+        return float(frequency[place]), float(power[place])
+
+    @property
+    def correlated(self) -> bool:
+        """Whether the law of the discrepancy fails to describe what is left."""
+        return abs(self.largest[0]) > self.bound
+
+
+def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[WhitenedResidual, ...]:
+    """Whiten what a prediction leaves.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (parameter,)
+        A point in SI, such as the MAP estimate.
+
+    Returns
+    -------
+    tuple of WhitenedResidual
+        One for each measured channel; none where the run at that point fails.
+    """
+    found = []
+    for index, observation in enumerate(posterior.observations):
+        residual = observation.in_sds(observation.values - posterior.predict(theta[None], index)[0])[:, :, None]
+        unknown, dt = posterior.unknowns(theta[None], index), observation.record.dt
+        white = np.asarray(posterior.discrepancy.whiten(residual, unknown, observation.channels, dt))[:, :, 0]
+        found += [
+            WhitenedResidual(channel, observation.record.name, dt, white[:, i], index)
+            for i, channel in enumerate(observation.channels)
+            if np.isfinite(white[:, i]).all()
+        ]
+    return tuple(found)
+
+
+def residual_warnings(
+    residuals: tuple[WhitenedResidual, ...], law: ErrorLaw, too_small_by: Mapping[str, float] | None
+) -> list[str]:
+    """Say which residuals the law of the discrepancy does not describe.
+
+    Parameters
+    ----------
+    residuals : tuple of WhitenedResidual
+        At the MAP estimate.
+    law : ErrorLaw
+        The law that was assumed.
+    too_small_by : mapping of str to float, or None
+        Ratio of robust to posterior standard deviation of the model's parameters; None where it is not known.
+
+    Returns
+    -------
+    list of str
+        One sentence for all residuals that are correlated; none where the law describes them.
+    """
+    added = law.added
+    assumed = "independent errors" if added.independent else f"the discrepancy {added.describe()['kind']}"
+    if law.inside:
+        assumed += f" beside {law.describe()['kind']} parameters"
+    correlated = [residual for residual in residuals if residual.correlated]
+    if not correlated:
+        return []
+    each = ", ".join(_correlation_in_words(residual) for residual in correlated)
+    sentence = f"after whitening, residuals correlate as {assumed} would not leave them: {each}"
+    worst = max(too_small_by, key=lambda name: too_small_by[name]) if too_small_by else None
+    if too_small_by and worst and too_small_by[worst] > MUCH_WIDER:
+        sentence += f"; the sd of {worst} is about {too_small_by[worst]:.2g} times too small (see the robust sd)"
+    return [sentence + ("; use a correlated discrepancy, such as damped_cosine" if added.independent else "")]
+
+
+def _correlation_in_words(residual: WhitenedResidual) -> str:
+    value, lag = residual.largest
+    return (
+        f"{residual.channel} on {residual.record} by {value:.2f} at a lag of {lag:.3g} s "
+        f"(to be expected: within ±{residual.bound:.2f})"
+    )

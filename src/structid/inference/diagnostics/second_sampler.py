@@ -1,0 +1,296 @@
+"""Do draws represent the density that they are said to come from? A second explorer, which is built otherwise, says so.
+
+Particles that come from the prior lose narrow modes, and creep along ridges. Chains forget neither where they began nor that they
+have not been elsewhere. So modes are searched for by optimisation, from the draws, from points that somebody knows (true runs of a
+calibration) and from the prior. Particles then begin around all of these modes evenly, and are tempered from there to the density.
+They know nothing of the masses that the first explorer gave to the modes, and little of where between them it has been.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structid.core.notebook import ShownAsText
+from structid.core.streams import Purpose, derived_seed, stream
+from structid.inference.convergence import standard_error
+from structid.inference.sampling.base import Drawn, Evidence
+from structid.inference.sampling.moves import EnsembleState
+from structid.inference.sampling.smc.lost_modes import Mode, all_modes
+from structid.inference.sampling.smc.reference_density import FromReference
+from structid.inference.sampling.smc.smc import SMC
+from structid.inference.target import Target
+
+SCOUTS = 100
+"""Draws of the prior from which modes are searched for, times the square of the number of parameters."""
+DRAWN = 10
+"""Times as many draws of the prior are made, of which these are chosen."""
+MOST_DRAWN = 100_000
+"""Draws of the prior at most, where scouts alone are not more."""
+NEGLIGIBLE = 1e-3
+"""Mass of a mode, as a share of all by Laplace's approximation, below which it does not matter."""
+TOLERANCE = 0.05
+"""Differences that do not matter: of the shares of modes, of means in standard deviations, of standard deviations in shares."""
+EVIDENCE = 0.25
+"""Difference of log Z that does not matter [nat]. A tempering along a ridge loses as much on its way, and draws that miss a fifth
+of the probability differ in their shares, means or standard deviations, too."""
+ERRORS = 3.0
+"""Standard errors beyond the tolerance at which two explorers disagree."""
+PARTICLES = 2000
+"""Draws that the second explorer knows of."""
+EXPLORER = SMC(particles=250, steps=30, effective_share=0.5, correlation=0.3, scouts=0)
+"""The second explorer."""
+LONGEST = 16
+"""Times as many steps it takes once more where it disagrees; the first half of them is for settling."""
+
+
+@dataclass(frozen=True, eq=False)
+class Representation(ShownAsText):
+    """Two explorers of one density, side by side.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Parameters, or their logarithms; see `Target.compared`.
+    modes : ndarray, shape (mode, parameter)
+        Local maxima in SI, of the density with respect to unconstrained coordinates.
+    shares, shares_again : ndarray, shape (mode,)
+        Share of the draws that is nearest to each mode, by the first explorer and by the second.
+    mean_gap, mean_error : ndarray, shape (parameter,)
+        How far apart the means are, in standard deviations, and the standard error of that.
+    sd_gap, sd_error : ndarray, shape (parameter,)
+        How much larger the second explorer's standard deviations are, as a share, and the standard error of that.
+    evidence_gap : float
+        log Z of the second explorer less that of the first; NaN where the first knows none.
+    failures : tuple of str
+        In what they disagree, one sentence each.
+    """
+
+    names: tuple[str, ...]
+    modes: np.ndarray
+    shares: np.ndarray
+    shares_again: np.ndarray
+    mean_gap: np.ndarray
+    mean_error: np.ndarray
+    sd_gap: np.ndarray
+    sd_error: np.ndarray
+    evidence_gap: float
+    failures: tuple[str, ...]
+
+    @property
+    def agreed(self) -> bool:
+        """Whether the two explorers found the same."""
+        return not self.failures
+
+    def to_entry(self) -> dict[str, np.ndarray]:
+        """Give it as arrays, for a journal.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One of each attribute.
+        """
+        return {field.name: np.array(getattr(self, field.name)) for field in fields(self)}
+
+    @classmethod
+    def of(cls, entry: Mapping[str, np.ndarray]) -> Representation:
+        """Read what `to_entry` gave.
+
+        Parameters
+        ----------
+        entry : mapping of str to ndarray
+            From a journal.
+
+        Returns
+        -------
+        Representation
+            The same.
+        """
+        read: dict[str, Any] = dict(entry)
+        words = {name: tuple(str(word) for word in read[name]) for name in ("names", "failures")}
+        return cls(**read | words | {"evidence_gap": float(read["evidence_gap"])})
+
+    def __str__(self) -> str:
+        worst, widest = int(np.argmax(np.abs(self.mean_gap))), int(np.argmax(np.abs(self.sd_gap)))
+        modes = "one mode" if len(self.modes) == 1 else f"{len(self.modes)} modes"
+        told = (
+            f"a second explorer finds {modes}; the means of {self.names[worst]} are {abs(self.mean_gap[worst]):.2g} ± "
+            f"{self.mean_error[worst]:.1g} standard deviations apart, the standard deviations of {self.names[widest]} by "
+            f"{abs(self.sd_gap[widest]):.1%} ± {self.sd_error[widest]:.1%}"
+        )
+        if len(self.modes) > 1:
+            shares = zip(self.shares, self.shares_again, strict=True)
+            told += "; shares of the modes " + ", ".join(f"{a:.2f} and {b:.2f}" for a, b in shares)
+        return "\n".join([told, *(f"  - {said}" for said in self.failures)])
+
+
+def represented(
+    target: Target,
+    draws: np.ndarray,
+    known: np.ndarray,
+    seed: int,
+    explorer: SMC = EXPLORER,
+    evidence: Evidence | None = None,
+    longest: int = LONGEST,
+) -> Representation:
+    """Explore a target a second time, and compare draws with what is found.
+
+    Parameters
+    ----------
+    target : Target
+        What they are draws of; its density must be cheap, such as that of a posterior under a surrogate.
+    draws : ndarray, shape (step, ensemble, walker, parameter)
+        In SI.
+    known : ndarray, shape (point, parameter)
+        Further points to search for modes from, in SI.
+    seed : int
+        Seed.
+    explorer : SMC
+        Settings of the second explorer.
+    evidence : Evidence, optional
+        log Z by the first one.
+    longest : int
+        Times as many steps it takes once more where it disagrees; 1 lets it be.
+
+    Returns
+    -------
+    Representation
+        Where they agree and where not.
+    """
+    phi = target.bijection.inverse(draws.reshape(-1, target.dimension))
+    some = phi[np.isfinite(phi).all(axis=1)][:: max(1, len(phi) // PARTICLES)]
+    density = target.evaluate(some)[0]
+    modes = _modes(target, some, density, known, stream(seed, Purpose.SMC_SCOUTS))
+    reference = FromReference(target, EnsembleState(some[None], density[None]), modes)
+    again = derived_seed(seed, Purpose.BESIDE)
+    for times in dict.fromkeys((1, longest)):  # of two that disagree the second may be the one that is wrong
+        longer = replace(explorer, steps=times * explorer.steps)
+        second = longer.run(reference, again, None, [], lambda _index, _block: None)
+        found = _compared(target, draws, modes, second, second.phi[0 if times == 1 else longer.steps // 2 :], evidence)
+        if found.agreed:
+            break
+    return found
+
+
+def _compared(
+    target: Target,
+    draws: np.ndarray,
+    modes: list[Mode],
+    second: Drawn,
+    settled: np.ndarray,
+    evidence: Evidence | None,
+) -> Representation:
+    """Draws beside those of the second explorer that it has made since it settled."""
+    assert second.log_evidence is not None  # of a tempered sampler
+    again = target.bijection(settled.reshape(-1, target.dimension))[0].reshape(settled.shape)
+    phi = target.bijection.inverse(draws.reshape(-1, target.dimension)).reshape(draws.shape)
+    shares = [_labelled(modes, points) for points in (phi, settled)]
+    gaps = _moment_gaps(target.compared(draws), target.compared(again))
+    return Representation(
+        target.compared_names,
+        target.bijection(np.stack([mode.middle for mode in modes]))[0],
+        shares[0].mean(axis=(0, 1, 2)),
+        shares[1].mean(axis=(0, 1, 2)),
+        gaps.mean,
+        gaps.mean_error,
+        gaps.sd,
+        gaps.sd_error,
+        float("nan") if evidence is None else second.log_evidence.value - evidence.value,
+        (
+            *_apart_in_shares(*shares),
+            *_apart_in_moments(target.compared_names, gaps),
+            *([] if evidence is None else _apart_in_evidence(evidence, second.log_evidence)),
+        ),
+    )
+
+
+def _modes(
+    target: Target, phi: np.ndarray, density: np.ndarray, known: np.ndarray, rng: np.random.Generator
+) -> list[Mode]:
+    """All modes that matter, searched for from the draws, from known points and from the prior."""
+    count = SCOUTS * target.dimension**2 if target.knows_prior else 0
+    many = target.initial(max(count, min(DRAWN * count, MOST_DRAWN)), rng) if count else phi[:0]
+    found = all_modes(target, phi, density, target.bijection.inverse(known), many, count)
+    masses = np.array([mode.log_mass for mode in found])
+    matters = masses >= logsumexp(masses) + np.log(NEGLIGIBLE)
+    return [mode for mode, does in zip(found, matters, strict=True) if does]
+
+
+def _labelled(modes: list[Mode], phi: np.ndarray) -> np.ndarray:
+    """Which mode each point is nearest to, by the Gaussian law that touches the density there: (..., mode) of zeros and ones."""
+    distances = []
+    for mode in modes:
+        standard = np.linalg.solve(mode.factor, (phi.reshape(-1, phi.shape[-1]) - mode.middle).T)
+        distances.append(0.5 * np.sum(standard**2, axis=0) + np.log(np.diag(mode.factor)).sum())
+    nearest = np.argmin(distances, axis=0)
+    return np.asarray(
+        (nearest[:, None] == np.arange(len(modes))).reshape(*phi.shape[:-1], len(modes)), dtype=np.float64
+    )
+
+
+def _apart_in_shares(first: np.ndarray, second: np.ndarray) -> list[str]:
+    """Modes whose shares differ."""
+    found = []
+    for mode in range(first.shape[-1] if first.shape[-1] > 1 else 0):
+        shares = first[..., mode], second[..., mode]
+        error = math.hypot(*(standard_error(x) for x in shares))
+        gap = abs(shares[0].mean() - shares[1].mean())
+        if gap > TOLERANCE + ERRORS * error:
+            found.append(
+                f"of the draws {shares[0].mean():.0%} lie at mode {mode + 1} of {first.shape[-1]}, and {shares[1].mean():.0%} of a "
+                "second explorer's, which begins at all modes evenly"
+            )
+    return found
+
+
+class _Gaps(NamedTuple):
+    """Gaps of means, in standard deviations, and of standard deviations, as a share, each with its error, shape (parameter,)."""
+
+    mean: np.ndarray
+    mean_error: np.ndarray
+    sd: np.ndarray
+    sd_error: np.ndarray
+
+
+def _moment_gaps(first: np.ndarray, second: np.ndarray) -> _Gaps:
+    """How far the moments of two explorers' draws are apart."""
+    gaps = np.zeros((4, first.shape[-1]))
+    for place in range(first.shape[-1]):
+        ours, theirs = first[..., place], second[..., place]
+        centre, sd = ours.mean(), ours.std()
+        if sd == 0.0:
+            continue
+        # The mean of a standardised parameter, and that of its square, of which a standard deviation is half as far off.
+        standard = [(x - centre) / sd for x in (ours, theirs)]
+        error = math.hypot(*(standard_error(x) for x in standard))
+        error_of_square = math.hypot(*(standard_error((x - x.mean()) ** 2) for x in standard))
+        gaps[:, place] = standard[1].mean(), error, standard[1].std() - 1.0, 0.5 * error_of_square
+    return _Gaps(*gaps)
+
+
+def _apart_in_moments(names: tuple[str, ...], gaps: _Gaps) -> list[str]:
+    """The parameter in whose mean or standard deviation they differ most, if that matters."""
+    of_means, of_sds = np.abs(gaps.mean) - ERRORS * gaps.mean_error, np.abs(gaps.sd) - ERRORS * gaps.sd_error
+    if max(of_means.max(), of_sds.max()) <= TOLERANCE:
+        return []
+    if of_means.max() >= of_sds.max():
+        worst = int(np.argmax(of_means))
+        return [f"a second explorer puts the mean of {names[worst]} {gaps.mean[worst]:+.2f} standard deviations away"]
+    worst = int(np.argmax(of_sds))
+    return [f"a second explorer finds {1.0 + gaps.sd[worst]:.2f} times the standard deviation of {names[worst]}"]
+
+
+def _apart_in_evidence(first: Evidence, second: Evidence) -> list[str]:
+    """Probability that one of them has found and the other has not: log Z = log ∫ of the same density."""
+    gap, error = second - first
+    if abs(gap) <= EVIDENCE + ERRORS * error:
+        return []
+    missing = (
+        "the draws have missed a part" if gap > 0.0 else "it has missed a part that the draws know, and proves nothing"
+    )
+    return [f"a second explorer finds {np.exp(gap):.2g} times as much probability in all: {missing}"]

@@ -1,0 +1,219 @@
+"""What a run's diagnostics come to: whether it has converged, and what speaks against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.core.notebook import ShownAsText
+from structid.inference.convergence import ParameterDiagnostics, standard_error
+from structid.inference.diagnostics.prior_warnings import PriorWarning
+from structid.inference.prediction.best_prediction import BestPrediction
+from structid.inference.sampling.smc.particle_mixing import still_moving
+
+R_HAT_LIMIT = 1.01
+"""Largest R-hat of a converged run (Vehtari et al. 2021)."""
+EFFECTIVE_SIZE_LIMIT = 400
+"""Smallest bulk and tail effective sample size of a converged run."""
+TAILS = (0.01, 0.99)
+"""Quantiles beyond which draws are compared with an independent population."""
+SAYS_WHICH = {"bulk": "", "tail": "", "far tail": " (1 and 99 % quantiles)"}
+"""What a sentence adds to a size."""
+ERRORS_APART = 5.0
+"""Standard errors by which they may differ: the largest of some dozens of comparisons."""
+
+
+@dataclass(frozen=True)
+class Verdict(ShownAsText):
+    """Whether a run may be believed, and why not.
+
+    Parameters
+    ----------
+    converged : bool
+        True only if nothing in `failures` was found.
+    failures : tuple of str
+        What speaks against convergence, one sentence each.
+    warnings : tuple of str
+        What the reader must know besides convergence.
+    wrong_model : tuple of str
+        What speaks against the model; not judged before the run has converged.
+    wrong_law : tuple of str
+        What speaks against the law of the errors; likewise.
+    against_priors : tuple of PriorWarning
+        Which of the warnings are of priors that the data contradict, and what to do about each.
+    parameters : dict of str to ParameterDiagnostics
+        The figures behind it.
+    acceptance : ndarray, shape (ensemble, walker)
+        Acceptance rate over the kept steps.
+    stuck : int
+        Number of stuck walkers.
+    failed_simulations : int
+        Simulations within the prior's support that failed; they count as −inf.
+    best : BestPrediction
+        How well the best prediction fits the measurement.
+    kept_steps : int
+        Steps kept after the start was dropped.
+    needed_length : float
+        Number of autocorrelation times that these steps must span: many for a chain, few for a large population.
+    """
+
+    converged: bool
+    failures: tuple[str, ...]
+    warnings: tuple[str, ...]
+    parameters: dict[str, ParameterDiagnostics] = field(repr=False)
+    acceptance: np.ndarray = field(repr=False)
+    stuck: int
+    failed_simulations: int
+    best: BestPrediction
+    kept_steps: int
+    needed_length: float
+    wrong_model: tuple[str, ...] = ()
+    wrong_law: tuple[str, ...] = ()
+    against_priors: tuple[PriorWarning, ...] = ()
+
+    @property
+    def unexplained(self) -> float:
+        """Fraction of the measurement's variance left unexplained by the best prediction; NaN where there is no measurement."""
+        return self.best.unexplained
+
+    @property
+    def another_size(self) -> bool:
+        """Whether that prediction is so much smaller or larger than the measurement that a unit is probably wrong."""
+        return self.best.of_another_size
+
+    @property
+    def doubt(self) -> str:
+        """What is wrong with model or law, as a heading; empty where nothing speaks against them."""
+        if self.wrong_model:
+            return "The model is wrong for these data"
+        return "The errors are not what their law says" if self.wrong_law else ""
+
+    def __str__(self) -> str:
+        head = "CONVERGED" if self.converged else "NOT CONVERGED: do not use these numbers"
+        lines = [head, *(f"  - {f}" for f in self.failures), *(f"  ! {w}" for w in self.warnings)]
+        if not self.converged:
+            lines.append("  Priors, model and law of the errors are judged once the run has converged.")
+        if self.converged and not self.doubt and np.isfinite(self.unexplained):
+            lines.append(
+                "  Nothing speaks against the model; its best prediction leaves "
+                f"{100.0 * self.unexplained:.2g} % of the measured variance unexplained."
+            )
+        if self.doubt:
+            lines += [self.doubt.upper(), *(f"  - {said}" for said in (*self.wrong_model, *self.wrong_law))]
+        return "\n".join(lines)
+
+
+def convergence_failures(
+    parameters: dict[str, ParameterDiagnostics], kept_steps: int, ensembles: int, stuck: int, needed_length: float
+) -> list[str]:
+    """What speaks against convergence.
+
+    Parameters
+    ----------
+    parameters : dict of str to ParameterDiagnostics
+        The figures.
+    kept_steps, ensembles, stuck : int
+        Kept steps, independent ensembles, stuck walkers.
+    needed_length : float
+        Number of autocorrelation times that the kept steps of a converged run must span.
+
+    Returns
+    -------
+    list of str
+        A sentence for each failure; empty if converged.
+    """
+    failures: list[str] = []
+    if ensembles < 2:
+        failures.append("a single ensemble: there is no independent chain to compare with; run at least 2")
+    else:
+        name, worst = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].r_hat, nan=np.inf))
+        if not worst.r_hat < R_HAT_LIMIT:
+            failures.append(f"R-hat of {name} is {worst.r_hat:.3f}, not below {R_HAT_LIMIT}: the ensembles disagree")
+    name, slowest = max(parameters.items(), key=lambda item: np.nan_to_num(item[1].autocorrelation_time, nan=np.inf))
+    if not kept_steps >= needed_length * slowest.autocorrelation_time:
+        times = f"{kept_steps / slowest.autocorrelation_time:.2g}"
+        failures.append(
+            f"{kept_steps} kept steps are {times} autocorrelation time{'' if times == '1' else 's'} of {name} "
+            f"(τ = {slowest.autocorrelation_time:.3g} steps), and {needed_length:g} or more are needed"
+        )
+    for kind in ("bulk", "tail", "far tail"):
+        sizes = {n: getattr(p, f"{kind.replace(' ', '_')}_size") for n, p in parameters.items()}
+        name = min(sizes, key=lambda n: np.nan_to_num(sizes[n], nan=-np.inf))
+        if not sizes[name] >= EFFECTIVE_SIZE_LIMIT:
+            failures.append(
+                f"{kind} effective sample size of {name} is {sizes[name]:.0f}, below {EFFECTIVE_SIZE_LIMIT}{SAYS_WHICH[kind]}"
+            )
+    if stuck:
+        failures.append(f"{stuck} stuck walker{'s' if stuck > 1 else ''}: they never joined the others")
+    return failures
+
+
+def unrest(names: tuple[str, ...], draws: np.ndarray, log_density: np.ndarray) -> list[str]:
+    """Say that particles which were drawn from the prior have not come to rest.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The parameters.
+    draws : ndarray, shape (step, ensemble, walker, parameter)
+        Kept draws.
+    log_density : ndarray, shape (step, ensemble, walker)
+        Log density there.
+
+    Returns
+    -------
+    list of str
+        A sentence for the quantity that moves most; empty where all are at rest.
+    """
+    moving = still_moving(np.concatenate([draws, log_density[..., None]], axis=-1))
+    if not moving:
+        return []
+    place, errors = max(moving.items(), key=lambda item: abs(item[1]))
+    quantity = (*names, "the log density")[place]
+    return [
+        f"the particles are not at rest: {quantity} {'rises' if errors > 0 else 'falls'} by {abs(errors):.0f} standard errors "
+        "while they move, and what they have not reached is neither in the draws nor in the evidence"
+    ]
+
+
+def disagreements(names: tuple[str, ...], draws: np.ndarray, beside: np.ndarray) -> list[str]:
+    """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
+
+    A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The parameters.
+    draws, beside : ndarray, shape (step, ensemble, walker, parameter)
+        Kept draws of both.
+
+    Returns
+    -------
+    list of str
+        A sentence for the quantity in which they differ most, if it is by more than five standard errors; else empty.
+    """
+    found = []
+    for place, name in enumerate(names):
+        ours, theirs = draws[..., place], beside[..., place]
+        gap = _errors_apart(ours, theirs)
+        found.append((gap, f"an independent population puts the mean of {name} {gap:.0f} standard errors elsewhere"))
+        for probability, edge in zip(TAILS, np.quantile(ours, TAILS), strict=True):
+            beyond = [(x <= edge if probability < 0.5 else x >= edge).astype(np.float64) for x in (ours, theirs)]
+            found.append(
+                (
+                    _errors_apart(*beyond),
+                    f"beyond the {probability:.0%} quantile of {name} lie {beyond[1].mean():.1%} of an independent population: the "
+                    "chains do not go far enough into the tail, or the population too far",
+                )
+            )
+    gap, sentence = max(found)
+    return [sentence] if gap > ERRORS_APART else []
+
+
+def _errors_apart(ours: np.ndarray, theirs: np.ndarray) -> float:
+    """Difference of two means in combined standard errors."""
+    error = math.hypot(standard_error(ours), standard_error(theirs))
+    return float(abs(ours.mean() - theirs.mean()) / error) if error > 0.0 else 0.0

@@ -1,0 +1,270 @@
+"""Which law of the errors the data favour: by its evidence, each law with the same model and measurements."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from structid.core.errors import ConvergenceError, InputError
+from structid.core.notebook import ShownAsText
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, derived_seed
+from structid.core.validation import check_arguments
+from structid.inference.error_models.base import ErrorLaw
+from structid.inference.error_models.drifting import Drifting
+from structid.inference.error_models.independent import IID
+from structid.inference.error_models.kernels import AR1, DampedCosine
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.prediction.parameter_drift import ParameterDrift
+from structid.inference.sample import sample
+from structid.inference.sampling.base import Evidence
+from structid.inference.sampling.smc.smc import SMC
+from structid.inference.sampling_result import SamplingResult
+from structid.models.base import Map, Model
+from structid.observation import Observation
+from structid.probability.space import ParameterSpace
+
+AUTO = "auto"
+"""In place of a law of the errors: the data choose it."""
+
+EXPLORER = SMC(particles=300, ensembles=2, steps=30, effective_share=0.5, correlation=0.4, scouts=0)
+"""Particles under each law."""
+
+ERRORS_APART = 2.0
+"""A law is preferred to a simpler one where its log evidence is larger by more than so many of their combined errors."""
+
+_log = logging.getLogger(__name__)
+
+
+def usual_laws(model: Model) -> tuple[ErrorLaw, ...]:
+    """List the laws that are worth a try, the simplest first.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+
+    Returns
+    -------
+    tuple of ErrorLaw
+        Independent, AR(1) and narrow-band errors; and, where the model allows it, drifting parameters beside independent and
+        beside narrow-band errors.
+    """
+    inside = (Drifting(), Drifting(errors=DampedCosine())) if model.can_drift else ()
+    return (IID(), AR1(), DampedCosine(), *inside)
+
+
+@dataclass(frozen=True, eq=False)
+class LawChoice(ShownAsText):
+    """Laws of the errors, and what the data say of each.
+
+    Parameters
+    ----------
+    results : tuple of SamplingResult
+        Draws under each law, the simplest law first.
+    added_only : bool
+        Whether laws with errors inside the model are passed over, because their hidden values could not be sampled reliably.
+    remark : str
+        A further sentence on the choice.
+    """
+
+    results: tuple[SamplingResult, ...] = field(repr=False)
+    added_only: bool = False
+    remark: str = ""
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """The laws in words."""
+        return tuple(_in_words(_posterior(r).law) for r in self.results)
+
+    @property
+    def evidences(self) -> tuple[Evidence, ...]:
+        """Log evidence of each [nat]."""
+        return tuple(_evidence(r) for r in self.results)
+
+    @property
+    def chosen(self) -> int:
+        """Place of the first law whose evidence is the largest, within the errors of both."""
+        allowed = {
+            place: e
+            for place, e in enumerate(self.evidences)
+            if not (self.added_only and _posterior(self.results[place]).law.inside)
+        }
+        best = max(allowed.values(), key=lambda e: np.nan_to_num(e.value, nan=-np.inf))
+        return next(
+            place for place, e in allowed.items() if (best - e).value <= ERRORS_APART * (best - e).error or e is best
+        )
+
+    @property
+    def result(self) -> SamplingResult:
+        """Draws under the chosen law: explored, not yet sampled at length."""
+        return self.results[self.chosen]
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior with the chosen law."""
+        return _posterior(self.result)
+
+    @property
+    def sentence(self) -> str:
+        """What was chosen, and what it says of the model."""
+        if self.added_only:
+            return (
+                f"{self.laws[self.chosen].capitalize()} errors are taken. The evidence prefers parameters that drift, but their "
+                "hidden values could not be sampled reliably: independent populations disagree."
+            )
+        said = self.said
+        if not self.posterior.law.inside:
+            return said
+        drift = ParameterDrift.sampled(self.posterior, self.result.flat).sentence(self.result.mean)
+        return " ".join(filter(None, (said, drift, self.remark)))
+
+    @property
+    def said(self) -> str:
+        """What was chosen, and by how much."""
+        return f"The data choose {self.laws[self.chosen]}{self._margin}."
+
+    @property
+    def _margin(self) -> str:
+        """How far ahead of the others the chosen law is, in words."""
+        others = {place: e.value for place, e in enumerate(self.evidences) if place != self.chosen}
+        if not others:
+            return ""
+        next_best = max(others, key=lambda place: others[place])
+        ahead = self.evidences[self.chosen] - self.evidences[next_best]
+        if ahead.value >= 0.0:
+            nats = f"{ahead.value:.3g}" if ahead.value < 1000.0 else f"{ahead.value:,.0f}"
+            return f", {nats} ± {ahead.error:.1f} nats ahead of {self.laws[next_best]}"
+        return f", which is simpler than {self.laws[next_best]} and within the errors of its evidence"
+
+    def __str__(self) -> str:
+        width = max(len(law) for law in self.laws)
+        lines = [self.sentence, "".ljust(width) + "   log evidence"]
+        for place, (law, evidence) in enumerate(zip(self.laws, self.evidences, strict=True)):
+            mark = "  <" if place == self.chosen else ""
+            lines.append(f"{law.ljust(width)}{evidence.value:12.1f} ± {evidence.error:.1f}{mark}")
+        return "\n".join(lines)
+
+
+@check_arguments
+def choose_law(
+    space: ParameterSpace,
+    model: Model,
+    observations: Observation | Sequence[Observation],
+    laws: Sequence[ErrorLaw] | None = None,
+    *,
+    sampler: SMC = EXPLORER,
+    seed: int = 0,
+    map: Map | None = None,
+    progress: Progress | None = None,
+    store: str | os.PathLike[str] | None = None,
+) -> LawChoice:
+    """Choose the law of the errors by its evidence.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The model's unknown parameters and their priors.
+    model : Model
+        The model, or a surrogate of it: the posterior under each law is sampled, with tens of thousands of runs.
+    observations : Observation or sequence of Observation
+        What was measured.
+    laws : sequence of ErrorLaw, optional
+        The laws to choose among, the simplest first; `usual_laws` when left out.
+    sampler : SMC
+        Particles under each law.
+    seed : int
+        Seed.
+    map : callable, optional
+        Maps the runs of an external model, like ``Executor.map``.
+    progress : callable, optional
+        Called with the percentage done and 100.
+    store : path-like, optional
+        A folder for the draws under each law, from which a killed choice goes on.
+
+    Returns
+    -------
+    LawChoice
+        ``print`` it; ``.posterior`` has the chosen law.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to choose among.
+    ConvergenceError
+        If no law has an evidence.
+    """
+    return choose_among(Posterior(space, model, observations, map=map), laws, sampler, seed, progress, store)
+
+
+def choose_among(
+    posterior: Posterior,
+    laws: Sequence[ErrorLaw] | None = None,
+    sampler: SMC = EXPLORER,
+    seed: int = 0,
+    progress: Progress | None = None,
+    store: str | os.PathLike[str] | None = None,
+) -> LawChoice:
+    """Choose the law of the errors of a posterior; see `choose_law`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Under any law.
+    laws, sampler, seed, progress, store
+        As in `choose_law`; when left out, those of the `usual_laws` that can be sampled in seconds.
+
+    Returns
+    -------
+    LawChoice
+        Draws and evidence under each.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to choose among.
+    ConvergenceError
+        If no law has an evidence.
+    """
+    if laws is not None and not laws:
+        raise InputError("choose_law(laws)", "none", "one law or more")
+    under = [posterior.on(law=law) for law in (usual_laws(posterior.model) if laws is None else laws)]
+    if laws is None:  # a model that drifts outside the compiled lanes takes minutes
+        under = [each for each in under if each.in_lanes or not each.law.inside]
+    results, folder = [], None if store is None else Path(store)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    for place, of in enumerate(under):
+        kept = None if folder is None else folder / f"law_{place + 1}.h5"
+
+        def told(done: int, total: int, place: int = place) -> None:
+            if progress is not None:
+                progress(int(100 * (place + done / total) / len(under)), 100)
+
+        results.append(sample(of, sampler, derived_seed(seed, Purpose.LAW_CHOICE, place), kept, progress=told))
+    if not any(np.isfinite(_evidence(r).value) for r in results):
+        raise ConvergenceError("No law has an evidence: every simulation at draws of the prior fails.")
+    choice = LawChoice(tuple(results))
+    _log.info("%s", choice.said)
+    return choice
+
+
+def _posterior(result: SamplingResult) -> Posterior:
+    assert isinstance(result.target, Posterior)
+    return result.target
+
+
+def _evidence(result: SamplingResult) -> Evidence:
+    assert result.log_evidence is not None, "SMC gives it"
+    return result.log_evidence
+
+
+def _in_words(law: ErrorLaw) -> str:
+    """Name of a law, and of the errors that are added where there are others inside the model."""
+    word = str(law.describe()["kind"]).replace("_", " ")
+    return f"{word} parameters + {_in_words(law.added)}" if law.inside else word

@@ -1,0 +1,1 @@
+"""Error models: how measurement and model may differ."""

@@ -1,0 +1,401 @@
+"""Correlated discrepancies in state-space form: a likelihood that costs O(T), by a Kalman filter over all runs at once.
+
+ε_t = s_t + e_t, with e white and s a stationary Gaussian process that is one component of a linear system
+
+    x_{t+1} = F x_t + q_t,   q ~ N(0, P∞ − F P∞ Fᵀ),   s_t = (1, 0, …) x_t
+
+so that sampled at a constant step it has exactly the kernel it is named after (J. Hartikainen & S. Särkkä 2010,
+doi 10.1109/MLSP.2010.5589113; damped cosine: D. Foreman-Mackey et al. 2017, doi 10.3847/1538-3881/aa9332).
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import jax
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.units import squared
+from structid.engine.device import jnp
+from structid.engine.time_loop import Fold
+from structid.inference.error_models.base import Discrepancy
+from structid.probability.marginals import Uniform
+from structid.probability.truncation import Marginal
+
+Matrix = list[list[Any]]
+"""A small matrix whose entries are arrays over channels and runs."""
+
+State = tuple[Any, Any]
+"""Mean (component, channel, run) and upper triangle of the covariance (entry, channel, run) of x_t given all before it."""
+
+Step = Callable[[State, Any], tuple[State, tuple[Any, Any]]]
+"""Maps a state and the values measured then to the next state and to the prediction's error v and precision 1/S."""
+
+HUGE = 1e100
+"""Unit of a product of numbers between 1 and 1/SMALLEST_WHITE, which may exceed what a float holds."""
+
+SMALLEST_WHITE = 1e-10
+"""Share of the correlated part's variance that is added to the white variance, so that a smooth process stays regular."""
+
+
+@dataclass(frozen=True, eq=False)
+class Correlated(Discrepancy):
+    """What the correlated laws share: a variance, a white variance, and the parameters of a kernel.
+
+    Every parameter is known (a number), has a prior (a Marginal), or is left out. If left out, a variance has the prior
+    U(0, max|y|²), and a time or frequency has a lognormal prior that spans what the measurement can resolve.
+
+    Parameters
+    ----------
+    variance : float, Marginal or None
+        σ² of the correlated part, in the square of the channel's SI unit.
+    white : float, Marginal or None
+        Variance of the white part.
+    """
+
+    variance: float | Marginal | None = None
+    white: float | Marginal | None = None
+
+    kind: ClassVar[str] = "correlated"
+
+    def __post_init__(self) -> None:
+        for name in ("variance", "white", *self._shapes()):
+            value = getattr(self, name)
+            least = 0.0 if name == "white" else np.nextafter(0.0, 1.0)
+            if isinstance(value, (int, float)) and not (np.isfinite(value) and value >= least):
+                raise InputError(f"{type(self).__name__}({name})", f"{value}", "a positive number, a prior, or None")
+
+    @property
+    def of_the_model(self) -> Discrepancy:
+        """The correlated part alone."""
+        return replace(self, white=0.0)
+
+    # --- what a kernel says -------------------------------------------------------------------------------------
+
+    @classmethod
+    @abstractmethod
+    def _shapes(cls) -> tuple[str, ...]:
+        """Names of the kernel's parameters besides its variance."""
+
+    @abstractmethod
+    def _default_prior(self, name: str, dt: float, samples: int) -> Marginal:
+        """Prior of a parameter of the kernel."""
+
+    @abstractmethod
+    def _transition(self, shapes: Mapping[str, Any], dt: float, numpy: Any) -> tuple[Matrix, list[Any]]:
+        """F, and the diagonal of P∞ for σ² = 1."""
+
+    # --- parameters ---------------------------------------------------------------------------------------------
+
+    def parameters(
+        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+    ) -> dict[str, Marginal]:
+        """Unknown parameters and their priors; see `Discrepancy.parameters`.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel)
+            The measurement.
+        channels : tuple of str
+            Names of its channels.
+        dt : float
+            Its time step [s].
+        units : tuple of str
+            SI unit of each channel, empty where it is not known.
+
+        Returns
+        -------
+        dict of str to Marginal
+            ``sigma2``, ``white``, and the kernel's, with ``_<channel>`` where there are several channels.
+        """
+        priors: dict[str, Marginal] = {}
+        for i, (channel, unit) in enumerate(zip(channels, units, strict=True)):
+            peak = float(np.abs(values[:, i]).max())
+            if peak == 0.0:
+                raise InputError(f"observation, channel '{channel}'", "zero throughout", "a response that moves")
+            for name in ("variance", "white", *self._shapes()):
+                given = getattr(self, name)
+                if isinstance(given, (int, float)):
+                    continue
+                variance = name in ("variance", "white")
+                default = (
+                    Uniform(0.0, peak**2, unit=squared(unit))
+                    if variance
+                    else self._default_prior(name, dt, len(values))
+                )
+                priors[_name(name, channel, channels)] = default if given is None else given
+        return priors
+
+    def _values(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> dict[str, Any]:
+        """Every parameter as an array (channel, run)."""
+        found = {}
+        for name in ("variance", "white", *self._shapes()):
+            given = getattr(self, name)
+            rows = [
+                given if isinstance(given, (int, float)) else unknown[_name(name, channel, channels)]
+                for channel in channels
+            ]
+            found[name] = numpy.stack([numpy.broadcast_to(numpy.asarray(r, dtype=np.float64), (runs,)) for r in rows])
+        return found
+
+    def _system(
+        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, numpy: Any
+    ) -> tuple[Matrix, Matrix, list[Any], Any]:
+        """F, Q, the diagonal of P∞, and the white variance."""
+        values = self._values(unknown, channels, runs, numpy)
+        transition, unit = self._transition(values, dt, numpy)
+        stationary = [values["variance"] * u for u in unit]
+        size = range(len(stationary))
+        # Q = P∞ − F P∞ Fᵀ
+        noise = [
+            [
+                (stationary[i] if i == j else 0.0)
+                - sum(transition[i][k] * stationary[k] * transition[j][k] for k in size)
+                for j in size
+            ]
+            for i in size
+        ]
+        return transition, noise, stationary, values["white"] + SMALLEST_WHITE * values["variance"]
+
+    # --- the filter ---------------------------------------------------------------------------------------------
+
+    def _filter(
+        self,
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        runs: int,
+        dt: float,
+        more_white: Any = 0.0,
+    ) -> tuple[State, Step, Any]:
+        """What is known of x before the first sample, a step of the Kalman filter, and the variance of the first sample.
+
+        A state is the mean of x and the upper triangle of its covariance, each one array: XLA makes fast loops over a few large
+        arrays, and slow ones over the entries of a matrix, each an array of its own.
+        """
+        transition, noise, stationary, white = self._system(unknown, channels, runs, dt, jnp)
+        white = white + more_white
+        size = range(len(stationary))
+        upper = [(i, j) for i in size for j in size if i <= j]
+        columns = [jnp.stack([transition[i][k] for i in size]) for k in size]
+        shares = [jnp.stack([_share(transition, to, entry) for to in upper]) for entry in upper]
+        added = jnp.stack([noise[i][j] for i, j in upper])
+
+        def step(state: State, measured: Any) -> tuple[State, tuple[Any, Any]]:
+            mean, covariance = state
+            # v = y − m₀, S = P₀₀ + R
+            error, precision = measured - mean[0], 1.0 / (covariance[0] + white)
+            # P − P₀ P₀ᵀ/S, of which the first row, where an upper triangle begins, is P₀ R/S
+            updated = [
+                covariance[at] * (white * precision)
+                if i == 0
+                else covariance[at] - covariance[i] * covariance[j] * precision
+                for at, (i, j) in enumerate(upper)
+            ]
+            # F (m + P₀ v/S), and F (…) Fᵀ + Q
+            ahead = sum(columns[k] * (mean[k] + covariance[k] * (error * precision)) for k in size)
+            spread = added + sum(share * entry for share, entry in zip(shares, updated, strict=True))
+            return (ahead, spread), (error, precision)
+
+        zero = jnp.zeros((len(channels), runs))
+        mean = jnp.stack([zero for _ in size])
+        covariance = jnp.stack([stationary[i] + zero if i == j else zero for i, j in upper])
+        return (mean, covariance), step, stationary[0] + white
+
+    def _innovations(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float
+    ) -> tuple[Any, Any]:
+        """One-step prediction errors and their precisions, each (time, channel, run)."""
+        start, step, _ = self._filter(unknown, channels, residual.shape[2], dt)
+        filtered: tuple[Any, Any] = jax.lax.scan(step, start, residual)[1]
+        return filtered
+
+    def log_likelihood(
+        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
+    ) -> Any:
+        """Log density of the whole residual; see `Discrepancy.log_likelihood`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+        white : jax.Array (channel, run) or float
+            Further variance of independent errors, such as a surrogate's.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            Σ −½ log(2πS) − v²/(2S) over innovations v of variance S.
+        """
+        fold: Fold = self._folded(unknown, channels, residual.shape[2], dt, residual.shape[0], white)
+        return fold.of(residual)
+
+    def fold(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int) -> Fold:
+        """Give the log density as a fold over samples; see `Discrepancy.fold`.
+
+        Parameters
+        ----------
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        runs : int
+            How many.
+        dt : float
+            Time step [s].
+        samples : int
+            Length of the residual.
+
+        Returns
+        -------
+        Fold
+            Of samples (channel, run) to Σ −½ log(2πS) − v²/(2S), shape (run,).
+        """
+        return self._folded(unknown, channels, runs, dt, samples)
+
+    def _folded(
+        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, dt: float, samples: int,
+        more_white: Any = 0.0,
+    ) -> Fold:  # fmt: skip
+        start, step, first = self._filter(unknown, channels, runs, dt, more_white)
+
+        def sample(carry: Any, measured: Any) -> Any:
+            # A logarithm costs more than the rest of a step. So log Π S₁/S is taken once, of a product in units of HUGE.
+            state, squares, product, units = carry
+            state, (error, precision) = step(state, measured)
+            product = product * (first * precision)
+            huge = product > HUGE
+            product, units = jnp.where(huge, product * (1.0 / HUGE), product), units + huge
+            return state, squares + error**2 * precision, product, units
+
+        def log_density(carry: Any) -> Any:
+            _, squares, product, units = carry
+            # log Π S = T log S₁ − log Π S₁/S
+            volume = samples * jnp.log(2.0 * jnp.pi * first) - jnp.log(product) - units * np.log(HUGE)
+            return -0.5 * (volume + squares).sum(axis=0)
+
+        nothing = jnp.zeros((len(channels), runs))
+        return Fold((start, nothing, nothing + 1.0, nothing), sample, log_density)
+
+    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+        """Log density of every value given those before it; see `Discrepancy.pointwise`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            −½ log(2πS) − v²/(2S).
+        """
+        error, precision = self._innovations(residual, unknown, channels, dt)
+        return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
+
+    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+        """Innovations over their standard deviation; see `Discrepancy.whiten`.
+
+        Parameters
+        ----------
+        residual : jax.Array, shape (time, channel, run)
+            Measurement minus prediction, or a sensitivity.
+        unknown : mapping of str to jax.Array (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run)
+            L⁻¹ r.
+        """
+        error, precision = self._innovations(residual, unknown, channels, dt)
+        return error * jnp.sqrt(precision)
+
+    def draw(
+        self,
+        rng: np.random.Generator,
+        shape: tuple[int, int, int],
+        unknown: Mapping[str, np.ndarray],
+        channels: tuple[str, ...],
+        dt: float,
+    ) -> np.ndarray:
+        """Draw ε; see `Discrepancy.draw`.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        shape : tuple of int
+            (run, time, channel).
+        unknown : mapping of str to ndarray (run,)
+            The unknown parameters.
+        channels : tuple of str
+            Names of the channels.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            ε in SI.
+        """
+        runs, samples, _ = shape
+        transition, noise, stationary, white = self._system(unknown, channels, runs, dt, np)
+        size = range(len(stationary))
+        dense = np.array([[np.broadcast_to(noise[i][j], stationary[0].shape) for j in size] for i in size])
+        values, vectors = np.linalg.eigh(np.moveaxis(dense, (0, 1), (-2, -1)))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))[..., None, :]
+        state = [np.sqrt(stationary[i]) * rng.standard_normal(stationary[i].shape) for i in size]
+        found = np.empty((samples, *stationary[0].shape))
+        for t in range(samples):
+            found[t] = state[0]
+            kick = np.einsum("crij,crj->icr", root, rng.standard_normal((*stationary[0].shape, len(stationary))))
+            state = [sum(transition[i][k] * state[k] for k in size) + kick[i] for i in size]
+        found += np.sqrt(white) * rng.standard_normal(found.shape)
+        return found.transpose(2, 0, 1)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the kind and what was given for each parameter.
+
+        Returns
+        -------
+        dict
+            For hashes and reports.
+        """
+        said: dict[str, Any] = {"kind": self.kind}
+        for name in ("variance", "white", *self._shapes()):
+            value = getattr(self, name)
+            said[name] = value.describe() if isinstance(value, Marginal) else value
+        return said
+
+
+def _share(transition: Matrix, to: tuple[int, int], of: tuple[int, int]) -> Any:
+    """What an entry of a symmetric P, and the one opposite, add to an entry of F P Fᵀ."""
+    (i, j), (p, q) = to, of
+    share = transition[i][p] * transition[j][q]
+    return share if p == q else share + transition[i][q] * transition[j][p]
+
+
+def _name(parameter: str, channel: str, channels: tuple[str, ...]) -> str:
+    """Name of a parameter among those of a posterior."""
+    plain = {"variance": "sigma2", "white": "sigma2_white"}.get(parameter, parameter)
+    return f"{plain}_{channel}" if len(channels) > 1 else plain

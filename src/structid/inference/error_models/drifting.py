@@ -1,0 +1,181 @@
+"""Errors inside the model: parameters that drift while it responds, and noise added to the response."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.units import factor
+from structid.core.validation import check_arguments
+from structid.inference.error_models.base import Discrepancy, ErrorLaw
+from structid.inference.error_models.error_model_kind import LawKind
+from structid.inference.error_models.independent import IID, IID_KIND
+from structid.inference.error_models.kernels import AR1_KIND, DAMPED_COSINE_KIND
+from structid.models.base import Model
+from structid.models.drifting_model import DriftingModel, drift_name, knot_names
+from structid.probability.marginals import LogNormal, Normal
+from structid.probability.space import ParameterSpace
+from structid.probability.truncation import Marginal
+
+SPANS = 5
+"""Parts of the first record between knots, where nothing else is said."""
+
+MOST_SPANS = 100
+"""Most parts of the first record: each knot is a further parameter to be sampled for every parameter that drifts."""
+
+DRIFT_MEDIAN, DRIFT_LOG_SD = 0.1, np.log(10.0) / 1.96
+"""Prior of a drift over the parameter's prior standard deviation: lognormal, 95 % between a hundredth and one."""
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class Drifting(ErrorLaw):
+    """y = M(θ + d∘b(t)) + ε: a wrong model's parameters are not those of the structure all the time, but drift about their mean.
+
+    b_j(t) is linear between knots, where it is N(0, 1). Its standard deviations d_j have lognormal priors, 95 % of which lie
+    between a hundredth and one prior standard deviation of θ_j. The response itself is computed with the drifting parameters,
+    so that nothing depends on where a sensitivity was taken. θ_j are means over time; the spread √(sd² + d_j²) is that of the
+    parameter at any one time, and what predictions of other records use.
+
+    Parameters
+    ----------
+    every : float, optional
+        Time between knots [s]; a fifth of the first record where it is left out.
+    errors : Discrepancy
+        Law of the ε that are added to the response.
+    """
+
+    every: float | None = None
+    errors: Discrepancy = field(default_factory=IID)
+    _space: ParameterSpace | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.every is not None and not (isinstance(self.every, (int, float)) and 0.0 < self.every < np.inf):
+            raise InputError("Drifting(every)", f"{self.every}", "a time between knots in seconds, or nothing")
+
+    @property
+    def added(self) -> Discrepancy:
+        """Law of the ε that are added to the response."""
+        return self.errors
+
+    def among(self, space: ParameterSpace, duration: float) -> Drifting:
+        """Return the law for these parameters; see `ErrorLaw.among`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The model's parameters, which drift.
+        duration : float
+            Of the first record [s].
+
+        Returns
+        -------
+        Drifting
+            With a time between knots.
+
+        Raises
+        ------
+        InputError
+            If the knots are too many.
+        """
+        if self.every is not None and duration > MOST_SPANS * self.every:
+            raise InputError(
+                "Drifting(every)",
+                f"{self.every:g} s, which puts {duration / self.every:.0f} knots in a record of {duration:g} s",
+                f"{duration / MOST_SPANS:.3g} s or more",
+                "Parameters that change with every cycle explain any measurement.",
+            )
+        return replace(self, every=self.every or duration / SPANS, _space=space)
+
+    @property
+    def _drifting(self) -> ParameterSpace:
+        assert self._space is not None, "a law that a posterior has bound to its parameters"
+        return self._space
+
+    def _knots(self, duration: float) -> int:
+        assert self.every is not None
+        return 1 + max(1, int(np.ceil(duration / self.every - 1e-6)))
+
+    @property
+    def shared_parameters(self) -> dict[str, Marginal]:
+        """d_j of every parameter, in its unit."""
+        found = {}
+        for name, marginal in self._drifting.marginals.items():
+            sd = marginal.moments[1] / factor(marginal.unit)
+            found[drift_name(name)] = LogNormal(
+                log_mean=float(np.log(DRIFT_MEDIAN * sd)), log_sd=DRIFT_LOG_SD, unit=marginal.unit
+            )
+        return found
+
+    def hidden_parameters(self, duration: float) -> dict[str, Marginal]:
+        """Give the values of every b_j at the knots; see `ErrorLaw.hidden_parameters`.
+
+        Parameters
+        ----------
+        duration : float
+            Of its record [s].
+
+        Returns
+        -------
+        dict of str to Marginal
+            N(0, 1) each.
+        """
+        return {name: Normal(0.0, 1.0) for name in knot_names(self._drifting.names, self._knots(duration))}
+
+    def scatters(self, duration: float) -> dict[tuple[str, str], tuple[str, ...]]:
+        """Give the values at the knots of each parameter; see `ErrorLaw.scatters`.
+
+        Parameters
+        ----------
+        duration : float
+            Of the record [s].
+
+        Returns
+        -------
+        dict of pair of str to tuple of str
+            They scatter about the parameter by its drift.
+        """
+        knots = self._knots(duration)
+        return {(name, drift_name(name)): knot_names((name,), knots) for name in self._drifting.names}
+
+    def responding(self, model: Model, duration: float) -> Model:
+        """Return the model with drifting parameters; see `ErrorLaw.responding`.
+
+        Parameters
+        ----------
+        model : Model
+            The model.
+        duration : float
+            Of the record that drives it [s].
+
+        Returns
+        -------
+        Model
+            Its free parameters are θ, d and b.
+        """
+        assert self.every is not None
+        return DriftingModel(model, self._drifting, self._knots(duration), self.every)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the kind, the time between knots, and the law of the added errors.
+
+        Returns
+        -------
+        dict
+            For hashes and reports.
+        """
+        return {"kind": "drifting", "every": self.every, "errors": self.errors.describe()}
+
+
+ERRORS = {kind.word: kind.law for kind in (IID_KIND, AR1_KIND, DAMPED_COSINE_KIND)}
+"""Laws of the errors beside the drift, by their word in a study file."""
+
+
+def _of_words(every: float | None = None, errors: str = "iid") -> Drifting:
+    return Drifting(every, ERRORS[errors]())
+
+
+DRIFTING_KIND = LawKind(_of_words, "drifting", {"every": "s"}, {"errors": (Literal[tuple(ERRORS)], "iid")})

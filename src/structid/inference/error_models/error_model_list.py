@@ -1,0 +1,14 @@
+"""Every law of the discrepancy there is. A new one is a file with its `LawKind` and a line here."""
+
+from __future__ import annotations
+
+from structid.inference.error_models import drifting, independent, kernels
+from structid.inference.error_models.error_model_kind import LawKind
+
+LAWS: tuple[LawKind, ...] = (
+    independent.IID_KIND,
+    kernels.AR1_KIND,
+    kernels.MATERN32_KIND,
+    kernels.DAMPED_COSINE_KIND,
+    drifting.DRIFTING_KIND,
+)

@@ -1,0 +1,304 @@
+"""The likelihood of all observations that share a model's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.progress import Progress
+from structid.engine.device import jnp
+from structid.ground_motion.excitation import Excitation
+from structid.inference.error_models.base import ErrorLaw
+from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured, own_priors
+from structid.inference.likelihood.shared_response import log_likelihood_of, of_one_run, of_one_test
+from structid.models.base import Map, Model
+from structid.models.traceable import as_traceable
+from structid.observation import Observation
+from structid.probability.bijections import Bijection, Scatter
+from structid.probability.space import ParameterSpace
+
+
+class JointLikelihood:
+    """log L(y | θ) = Σ log L(y_i | θ) over observations that share a model's parameters.
+
+    θ are the model's parameters, then nuisances and discrepancy parameters of each observation. Where there are several
+    observations, these are numbered ``_1``, ``_2``, …. Errors inside the model belong to a test: observations of other
+    channels on the same record share them, with the number of the first of them.
+
+    Parameters
+    ----------
+    model_space : ParameterSpace
+        The model's parameters and their priors.
+    model : Model
+        The model.
+    observations : tuple of Observation
+        What was measured.
+    law : ErrorLaw
+        What may be wrong between model and measurement.
+    map : callable or None
+        Does several runs of an external solver at a time, like ``Executor.map``.
+    model_error : bool
+        Whether a surrogate's own variance is added to that of the discrepancy.
+
+    Attributes
+    ----------
+    space : ParameterSpace
+        All parameters and their priors.
+    of : tuple of BoundLikelihood
+        Of each observation.
+    """
+
+    def __init__(
+        self,
+        model_space: ParameterSpace,
+        model: Model,
+        observations: tuple[Observation, ...],
+        law: ErrorLaw,
+        *,
+        map: Map | None = None,
+        model_error: bool = False,
+    ) -> None:
+        self.model, self._map = model, map
+        self.law = law.among(model_space, observations[0].record.duration)
+        own = [own_priors(observation, self.law) for observation in observations]
+        self._tests = of_one_test(observations)
+        self._names = _names_in_theta(observations, self._tests, self.law, own)
+        self.space = model_space.extended(
+            **self.law.shared_parameters,
+            **{
+                names[name]: prior
+                for names, priors in zip(self._names, own, strict=True)
+                for name, prior in priors.items()
+            },
+        )
+        responding: dict[int, Model] = {}
+        for numbers in self._tests:
+            of_test = self.law.responding(model, observations[numbers[0]].record.duration)
+            responding |= dict.fromkeys(numbers, of_test)
+        self.of = tuple(
+            BoundLikelihood(
+                responding[number], observation, self.law.added, self.space, self._names[number], model_error
+            )
+            for number, observation in enumerate(observations)
+        )
+
+    @cached_property
+    def bijection(self) -> Bijection:
+        """Smooth map between ℝᵈ and the support of the prior."""
+        plain, place, marginals = self.space.bijection, self.space.names.index, self.space.marginals
+        scatters = [
+            Scatter(
+                place(mean),
+                place(sd),
+                tuple(place(self._names[numbers[0]][name]) for name in members),
+                marginals[mean].moments[0],
+                float(marginals[sd].quantile(np.array(0.5))),
+            )
+            for numbers in self._tests
+            for (mean, sd), members in self.law.scatters(self.of[numbers[0]].observation.record.duration).items()
+        ]
+        return Bijection(plain.bounds, plain.scales, scatters, plain.logarithmic) if scatters else plain
+
+    @cached_property
+    def discrepancy_names(self) -> set[str]:
+        """Parameters of the discrepancy, for all observations."""
+        return set(self.law.shared_parameters) | {
+            label
+            for bound, names in zip(self.of, self._names, strict=True)
+            for name, label in names.items()
+            if name not in bound.observation.nuisances()
+        }
+
+    @cached_property
+    def hidden_names(self) -> frozenset[str]:
+        """Parameters of no interest by themselves, of all observations; see `ErrorLaw.hidden_parameters`."""
+        return frozenset(
+            names[name]
+            for bound, names in zip(self.of, self._names, strict=True)
+            for name in self.law.hidden_parameters(bound.observation.record.duration)
+        )
+
+    def model_parameters(self, theta: Any) -> Any:
+        """Columns of the model's free parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        array, shape (run, free parameter)
+            In the model's order.
+        """
+        return self.space.columns(theta, self.model.free)
+
+    def on_record(
+        self, theta: np.ndarray, record: Excitation, rng: np.random.Generator, index: int | None
+    ) -> tuple[Model, np.ndarray]:
+        """Model and parameters that respond to a record, the errors inside the model with them.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            All parameters.
+        record : Excitation
+            A measured one, or another one, for which hidden values are drawn from their priors.
+        rng : numpy.random.Generator
+            Source of these draws.
+        index : int or None
+            Which observation has that record; None for another one.
+
+        Returns
+        -------
+        tuple of Model, ndarray (run, free parameter)
+            The model and its parameters.
+        """
+        if index is not None:
+            return self.of[index].model, np.asarray(self.of[index].parameters(theta))
+        model, hidden = self.law.responding(self.model, record.duration), self.law.hidden_parameters(record.duration)
+        if not hidden:
+            return model, np.asarray(self.model_parameters(theta))
+        known = self.space.columns(theta, [name for name in model.free if name not in hidden])
+        drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
+        return model, np.concatenate([known, drawn], axis=1)
+
+    def points(self, theta: np.ndarray) -> np.ndarray:
+        """Check an array of parameters.
+
+        Parameters
+        ----------
+        theta : array-like, shape (run, parameter) or (parameter,)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            The same.
+
+        Raises
+        ------
+        InputError
+            If it has other columns.
+        """
+        theta = np.atleast_2d(np.asarray(theta, dtype=np.float64))
+        if theta.shape[1] != self.space.dimension:
+            raise InputError(
+                "theta",
+                f"an array of shape {theta.shape}",
+                f"(run, {self.space.dimension}) with the columns {', '.join(self.space.names)}",
+            )
+        return theta
+
+    @cached_property
+    def of_one_run(self) -> tuple[tuple[int, ...], ...]:
+        """Numbers of the observations that share a response."""
+        return of_one_run(self.of)
+
+    @cached_property
+    def measured(self) -> tuple[Measured, ...]:
+        """What the density inside JAX takes of each observation."""
+        return tuple(bound.measured for bound in self.of)
+
+    def traced(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+        """Log-likelihood and success of every run, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in SI.
+        data : sequence of Measured
+            Of each observation: `measured`, or other measurements.
+
+        Returns
+        -------
+        tuple of jax.Array, shape (run,)
+            Log-likelihood, and whether it is finite.
+        """
+        total, finite = jnp.zeros(theta.shape[0]), jnp.ones(theta.shape[0], dtype=bool)
+        for numbers in self.of_one_run:
+            more, good = log_likelihood_of([self.of[k] for k in numbers], theta, [data[k] for k in numbers])
+            total, finite = total + more, finite & good
+        return total, finite & jnp.isfinite(total)
+
+    @property
+    def loops_over_time(self) -> bool:
+        """Whether it is a loop over time inside JAX, which XLA runs on one core."""
+        return as_traceable(self.model, "likelihood inside JAX").loops or not self.law.added.independent
+
+    def on_host(
+        self, theta: np.ndarray, inside: np.ndarray, values: Sequence[np.ndarray] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-likelihood and failure of every run of a model that is not a JAX function.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        inside : ndarray of bool, shape (run,)
+            Runs to be done: those inside the support of the prior.
+        values : sequence of ndarray, shape (time, channel, run), optional
+            Measurements to use instead of each observation's own, one for each run.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log-likelihood, −inf where it cannot be computed; and which runs failed.
+        """
+        likelihood, failed = np.full(len(theta), -np.inf), np.zeros(len(theta), dtype=bool)
+        rows = np.flatnonzero(inside)
+        if rows.size == 0:
+            return likelihood, failed
+        total = np.zeros(rows.size)
+        for numbers in self.of_one_run:
+            first = self.of[numbers[0]]
+            run = first.model.simulate(
+                np.asarray(first.parameters(theta[rows])), first.observation.record, map=self._map
+            )
+            for index in numbers:
+                own = None if values is None else values[index][:, :, rows]
+                more, bad = self.of[index].on_host(theta[rows], run, own)
+                total, failed[rows] = total + more, failed[rows] | bad
+        likelihood[rows] = total
+        return likelihood, failed
+
+    def predict(self, theta: np.ndarray, index: int, progress: Progress | None = None) -> np.ndarray:
+        """Prediction of one observation, including the instrument, without discrepancy.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+        index : int
+            Which observation.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI; NaN where a run failed.
+        """
+        theta, bound = self.points(theta), self.of[index]
+        run = bound.model.simulate(
+            np.asarray(bound.parameters(theta)), bound.observation.record, progress=progress, map=self._map
+        )
+        return np.asarray(bound.shown(run.values.transpose(1, 2, 0), theta)).transpose(2, 0, 1)
+
+
+def _names_in_theta(
+    observations: Sequence[Observation], tests: Sequence[Sequence[int]], law: ErrorLaw, own: Sequence[Iterable[str]]
+) -> list[dict[str, str]]:
+    """Names in θ of each observation's own parameters, by plain name."""
+    if len(observations) == 1:
+        return [{name: name for name in own[0]}]
+    first = {number: numbers[0] for numbers in tests for number in numbers}
+    found = []
+    for number, (observation, names) in enumerate(zip(observations, own, strict=True)):
+        hidden = law.hidden_parameters(observation.record.duration)
+        found.append({name: f"{name}_{(first[number] if name in hidden else number) + 1}" for name in names})
+    return found

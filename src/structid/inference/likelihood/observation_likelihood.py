@@ -1,0 +1,483 @@
+"""The likelihood of one observation: record, values, nuisances, discrepancy and shortcut in one piece.
+
+Every likelihood is computed here: for the posterior, the misfit, responses computed beforehand, and the simulated measurements of
+a simulation-based calibration. It is traced inside JAX, or computed on the host for a model that is not a JAX function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+from jax import lax
+
+from structid.core.errors import Status
+from structid.engine.device import jnp
+from structid.engine.time_loop import Fold, TimeLoop, once_along_each, sum_of_squares
+from structid.histories import Histories
+from structid.inference.error_models.base import Discrepancy, ErrorLaw
+from structid.models.base import Model
+from structid.models.traceable import Shortcut, TraceableModel, TracedExcitation, as_traceable
+from structid.observation import Observation
+from structid.probability.space import ParameterSpace
+from structid.probability.truncation import Marginal
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a traced likelihood takes from an observation: arguments of the compiled density, not constants in it.
+
+    Parameters
+    ----------
+    excitation : TracedExcitation
+        What drove the structure.
+    values : array, shape (time, channel or 2 × channel, measurement or run)
+        What was measured: one measurement for all runs, or each run its own. Where standard deviations are known, the measurement
+        and 1 in units of them.
+    shortcut : Shortcut or None
+        A shorter way to the likelihood than through the response.
+    """
+
+    excitation: TracedExcitation
+    values: Any
+    shortcut: Shortcut | None
+
+    def for_runs(self, measurement: Any) -> Measured:
+        """Give each run a measurement of its own.
+
+        Parameters
+        ----------
+        measurement : jax.Array of int, shape (run,)
+            Which one.
+
+        Returns
+        -------
+        Measured
+            Of as many measurements as there are runs.
+        """
+        shortcut = None if self.shortcut is None else self.shortcut.for_runs(measurement)
+        return Measured(self.excitation, self.values[:, :, measurement], shortcut)
+
+
+jax.tree_util.register_dataclass(Measured, data_fields=["excitation", "values", "shortcut"], meta_fields=[])
+
+
+def own_priors(observation: Observation, law: ErrorLaw) -> dict[str, Marginal]:
+    """Priors of the parameters that an observation has besides the model's.
+
+    Parameters
+    ----------
+    observation : Observation
+        With its nuisances.
+    law : ErrorLaw
+        With its parameters.
+
+    Returns
+    -------
+    dict of str to Marginal
+        By plain names, the nuisances first.
+    """
+    record = observation.record
+    values = observation.in_sds(observation.values)
+    added = law.added.parameters(values, observation.channels, record.dt, observation.error_units)
+    return observation.nuisances() | added | law.hidden_parameters(record.duration)
+
+
+class BoundLikelihood:
+    """log L(y | θ) of one observation under one model.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    observation : Observation
+        Record, values and nuisances.
+    discrepancy : Discrepancy
+        The law of the difference between model and measurement.
+    space : ParameterSpace
+        All parameters θ.
+    own : mapping of str to str
+        Names in θ of the observation's own parameters, by plain name; see `own_priors`.
+    model_error : bool
+        Whether a surrogate's own variance is added to that of the discrepancy.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        observation: Observation,
+        discrepancy: Discrepancy,
+        space: ParameterSpace,
+        own: Mapping[str, str],
+        model_error: bool = False,
+    ) -> None:
+        self.model, self.observation, self.discrepancy = model, observation, discrepancy
+        self._space, self._model_error = space, model_error
+        self._columns = {plain: space.names.index(name) for plain, name in own.items()}
+        # The model's own parameters have their names; what is inside it for this test alone has one of its own in θ.
+        self.free = tuple(name if name in space.all_names else own[name] for name in model.free)
+        self.channels, self.dt = observation.channels, observation.record.dt
+        self._places = np.array([model.channels.index(c) for c in observation.channels])
+
+    # --- pieces -------------------------------------------------------------------------------------------------
+
+    def unknowns(self, theta: Any) -> dict[str, Any]:
+        """Nuisances and parameters of the discrepancy.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        dict of str to array (run,)
+            By their plain names.
+        """
+        return {name: theta[:, column] for name, column in self._columns.items()}
+
+    def parameters(self, theta: Any) -> Any:
+        """Columns of the model's free parameters.
+
+        Parameters
+        ----------
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        array, shape (run, free parameter)
+            In the model's order.
+        """
+        return self._space.columns(theta, self.free)
+
+    def response(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+        """Response of the model, inside JAX.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        measured : Measured
+            With the record.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Values (time, model channel, run), and whether they are finite (run,).
+        """
+        return self._traceable.response(self.parameters(theta), measured.excitation)
+
+    def shown(self, response: Any, theta: Any) -> Any:
+        """Turn a model's response into what the instruments would show, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run) or (model channel, run)
+            The model's response, whole or at one sample.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (time, channel, run) or (channel, run)
+            The measured channels, nuisances applied.
+        """
+        if self.model.channels != self.channels:
+            response = jnp.stack([response[..., place, :] for place in self._places], axis=-2)
+        return self.observation.transmit(response, self.unknowns(theta))
+
+    def given(self, response: Any, theta: Any, values: Any) -> Any:
+        """Log-likelihood of responses computed beforehand, inside JAX.
+
+        Parameters
+        ----------
+        response : jax.Array, shape (time, model channel, run)
+            The model's response.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        values : array, as of `Measured`
+            What was measured, the same for all runs or each its own; see `compared`.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density of the residuals.
+        """
+        residual = self.residual(theta)(response, values)
+        found = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
+        return self._in_si(found)
+
+    def compared(self, values: np.ndarray) -> np.ndarray:
+        """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel, measurement)
+            One or several measurements in SI.
+
+        Returns
+        -------
+        ndarray, shape (time, channel or 2 × channel, measurement)
+            For `given` and `traced`.
+        """
+        if self.observation.sd is None:
+            return values
+        return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
+
+    def residual(self, theta: Any) -> Callable[[Any, Any], Any]:
+        """Give the function from response and measurement to their difference, in known standard deviations.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        callable
+            ``residual(response, values)``, both whole, or both at one sample; see `compared`.
+        """
+        if self.observation.sd is None:
+            return lambda response, values: values - self.shown(response, theta)
+        count = len(self.channels)
+        return lambda response, values: values[..., :count, :] - values[..., count:, :] * self.shown(response, theta)
+
+    def _in_si(self, log_density: Any) -> Any:
+        """Log density of ε from that of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
+        return log_density if self.observation.sd is None else log_density - self.observation.log_sds.sum()
+
+    def of_squares(self, squares: Any, theta: Any) -> Any:
+        """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more.
+
+        Parameters
+        ----------
+        squares : array, shape (channel, run)
+            Σ (y − M)² over time, in known standard deviations.
+        theta : array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density.
+        """
+        samples = len(self.observation.values)
+        found = self.discrepancy.log_likelihood_of_squares(squares, samples, self.unknowns(theta), self.channels)
+        return self._in_si(found)
+
+    @property
+    def needs_only_squares(self) -> bool:
+        """Whether discrepancy and instrument need no more than a sum of squares."""
+        return self.discrepancy.independent and not self.observation.nuisances()
+
+    # --- inside JAX ---------------------------------------------------------------------------------------------
+
+    @cached_property
+    def measured(self) -> Measured:
+        """What the traced likelihood takes from the observation."""
+        return self.measured_as(self.observation.values[:, :, None])
+
+    def measured_as(self, values: np.ndarray) -> Measured:
+        """Use other measurements instead of the observation's.
+
+        Parameters
+        ----------
+        values : ndarray, shape (time, channel, measurement)
+            One or several.
+
+        Returns
+        -------
+        Measured
+            For `traced`.
+        """
+        model, record = self._traceable, self.observation.record
+        shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
+        return Measured(model.traced(record), self.compared(values), shortcut)
+
+    def traced(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+        """Log-likelihood and success of every run, inside JAX, by the shortest way.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        measured : Measured
+            Record and measurements.
+
+        Returns
+        -------
+        tuple of jax.Array, shape (run,)
+            Log-likelihood, and whether the response is finite.
+        """
+        if self._model_error:
+            return self._with_model_error(theta, measured)
+        if self.discrepancy.independent:
+            squares, finite = self.squares(theta, measured)
+            return self.of_squares(squares, theta), finite
+        loop, fold = self.loop(self.parameters(theta), measured), self.fold(theta, len(measured.values))
+        if loop is None or fold is None:
+            response, finite = self.response(theta, measured)
+            return self.given(response, theta, measured.values), finite
+        found, finite = loop.folded(fold, measured.values, self.residual(theta))
+        return self.of_fold(found, theta), finite
+
+    def fold(self, theta: Any, samples: int) -> Fold | None:
+        """What becomes of the residuals, sample by sample.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        samples : int
+            How many there are.
+
+        Returns
+        -------
+        Fold or None
+            For `of_fold`; None where the discrepancy needs the whole history.
+        """
+        if self.discrepancy.independent:
+            return self.sum_of_squares(theta.shape[0])
+        return self.discrepancy.fold(self.unknowns(theta), self.channels, theta.shape[0], self.dt, samples)
+
+    def sum_of_squares(self, runs: int) -> Fold:
+        """Σ (y − M)² of every channel.
+
+        Parameters
+        ----------
+        runs : int
+            How many there are.
+
+        Returns
+        -------
+        Fold
+            With the value (channel, run).
+        """
+        return sum_of_squares(jnp.zeros((len(self.channels), runs)))
+
+    def of_fold(self, value: Any, theta: Any) -> Any:
+        """Log-likelihood from what `fold` gives, inside JAX.
+
+        Parameters
+        ----------
+        value : Any
+            The value of the fold.
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+
+        Returns
+        -------
+        jax.Array, shape (run,)
+            The discrepancy's log density.
+        """
+        return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
+
+    def squares(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+        """Sum of squared residuals over time, inside JAX, by the shortest way.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            All parameters.
+        measured : Measured
+            Record and measurements.
+
+        Returns
+        -------
+        tuple of jax.Array
+            Σ (y − M)² (channel, run), and whether the response is finite (run,).
+        """
+        parameters = self.parameters(theta)
+        if measured.shortcut is not None and not self.observation.nuisances():
+            return measured.shortcut.squares(parameters)
+        if self.observation.nuisances():
+            return self._squares(parameters, measured, self.residual(theta))
+        held = self.residual(lax.stop_gradient(theta))  # of which it needs nothing
+        found: tuple[Any, Any] = once_along_each(lambda p: self._squares(p, measured, held), parameters)
+        return found
+
+    def _squares(self, parameters: Any, measured: Measured, residual: Callable[[Any, Any], Any]) -> tuple[Any, Any]:
+        loop = self.loop(parameters, measured)
+        if loop is None:
+            response, finite = self._traceable.response(parameters, measured.excitation)
+            return (residual(response, measured.values) ** 2).sum(axis=0), finite
+        return loop.folded(self.sum_of_squares(parameters.shape[0]), measured.values, residual)
+
+    @property
+    def takes_samples(self) -> bool:
+        """Whether it can take the response sample by sample: it is neither shifted in time, nor has it an error of its own."""
+        return not self._model_error and self.observation.time_shift is None
+
+    def loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
+        """The loop over time that gives the response sample by sample.
+
+        Parameters
+        ----------
+        parameters : jax.Array, shape (run, free parameter)
+            Of the model.
+        measured : Measured
+            With the record.
+
+        Returns
+        -------
+        TimeLoop or None
+            None where the response is wanted whole, or is no loop.
+        """
+        if self.observation.time_shift is not None:
+            return None
+        return self._traceable.time_loop(parameters, measured.excitation)
+
+    def _with_model_error(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+        """Log-likelihood with the model's own variance added to that of the discrepancy."""
+        unknown, parameters = self.unknowns(theta), self.parameters(theta)
+        if self.needs_only_squares and measured.shortcut is not None:
+            variance = self.discrepancy.variances(unknown, self.channels, theta.shape[0], jnp)
+            exact = measured.shortcut.marginal_log_likelihood(parameters, variance)
+            if exact is not None:
+                return exact
+        response, finite = self.response(theta, measured)
+        white, stand_in = 0.0, self.model.stand_in
+        if stand_in is not None:
+            white = stand_in.error_variance(parameters, measured.excitation, response)[self._places]
+        if self.observation.sd is not None:
+            # A surrogate's variance is constant in time; in known standard deviations its mean is taken.
+            white = white * np.mean(self.observation.sd**-2.0, axis=0)[:, None]
+        residual = self.residual(theta)(response, measured.values)
+        found = self.discrepancy.log_likelihood(residual, unknown, self.channels, self.dt, white)
+        return self._in_si(found), finite
+
+    @property
+    def _traceable(self) -> TraceableModel:
+        return as_traceable(self.model, "likelihood inside JAX")
+
+    # --- on the host --------------------------------------------------------------------------------------------
+
+    def on_host(
+        self, theta: np.ndarray, run: Histories, values: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Log-likelihood and failure of every run of a model that is not a JAX function.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            All parameters.
+        run : Histories
+            What the model responded at them.
+        values : ndarray, shape (time, channel, 1 or run), optional
+            Measurements to use instead of the observation's.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log-likelihood, −inf where the response does not reach the end; and which runs failed. A run in which the structure
+            failed is not among them: parameters that let it collapse are impossible, and that is an answer.
+        """
+        response = np.where(run.done[:, None, None], run.values, 0.0).transpose(1, 2, 0)
+        values = self.observation.values[:, :, None] if values is None else values
+        found = np.asarray(self.given(response, theta, self.compared(values)))
+        return np.where(run.done, found, -np.inf), ~run.done & (run.status != Status.STRUCTURE_FAILED)

@@ -1,0 +1,145 @@
+"""Several observations of one run, such as a file from each sensor: the response is computed once for all of them."""
+
+from __future__ import annotations
+
+import functools
+import operator
+from collections.abc import Sequence
+from typing import Any
+
+from jax import lax
+
+from structid.engine.time_loop import once_along_each, side_by_side
+from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured
+from structid.observation import Observation
+
+
+def of_one_test(observations: Sequence[Observation]) -> tuple[tuple[int, ...], ...]:
+    """Find the observations of one test: other channels on the same record. The same channel once more is another test.
+
+    Parameters
+    ----------
+    observations : sequence of Observation
+        All of them.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Numbers of those of one test, in the order of the first of them.
+    """
+    tests: list[tuple[str, set[str], list[int]]] = []
+    for number, observation in enumerate(observations):
+        record, channels = observation.record.content_hash, set(observation.channels)
+        for of_test, seen, numbers in tests:
+            if of_test == record and not seen & channels:
+                seen |= channels
+                numbers.append(number)
+                break
+        else:
+            tests.append((record, channels, [number]))
+    return tuple(tuple(numbers) for _, _, numbers in tests)
+
+
+def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]:
+    """Find the observations that share a response: of one record, one model and the same parameters of it.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of every observation.
+
+    Returns
+    -------
+    tuple of tuple of int
+        Numbers of those that share one, in the order of the first of them.
+    """
+    found: dict[Any, list[int]] = {}
+    for number, bound in enumerate(bounds):
+        found.setdefault((id(bound.model), bound.observation.record.content_hash, bound.free), []).append(number)
+    return tuple(map(tuple, found.values()))
+
+
+def squares_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[list[Any], Any]:
+    """Sums of squared residuals of observations that share a response, inside JAX.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of these observations.
+    theta : jax.Array, shape (run, parameter)
+        All parameters.
+    data : sequence of Measured
+        Of each.
+
+    Returns
+    -------
+    tuple
+        Σ (y − M)² (channel, run) of each, and whether the response is finite (run,).
+    """
+    if _in_one_loop(bounds, theta, data):
+        folds = [bound.sum_of_squares(theta.shape[0]) for bound in bounds]
+        plain = not any(bound.observation.nuisances() for bound in bounds)
+        found, finite = _folded(bounds, theta, data, folds, plain)
+        return list(found), finite
+    each, finite = zip(*(bound.squares(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+    return list(each), functools.reduce(operator.and_, finite)
+
+
+def log_likelihood_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+    """Log-likelihood of observations that share a response, inside JAX.
+
+    Parameters
+    ----------
+    bounds : sequence of BoundLikelihood
+        Of these observations.
+    theta : jax.Array, shape (run, parameter)
+        All parameters.
+    data : sequence of Measured
+        Of each.
+
+    Returns
+    -------
+    tuple of jax.Array, shape (run,)
+        Its sum over them, and whether the response is finite.
+    """
+    if _in_one_loop(bounds, theta, data):
+        folds = [bound.fold(theta, len(own.values)) for bound, own in zip(bounds, data, strict=True)]
+        if all(fold is not None for fold in folds):
+            plain = all(bound.needs_only_squares for bound in bounds)
+            found, finite = _folded(bounds, theta, data, folds, plain)
+            return sum(bound.of_fold(value, theta) for bound, value in zip(bounds, found, strict=True)), finite
+    each, finite = zip(*(bound.traced(theta, own) for bound, own in zip(bounds, data, strict=True)), strict=True)
+    return sum(each), functools.reduce(operator.and_, finite)
+
+
+def _in_one_loop(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> bool:
+    """Whether there are several, and one loop over time gives what each of them needs."""
+    if len(bounds) == 1 or any(own.shortcut is not None for own in data):
+        return False
+    looping = bounds[0].loop(bounds[0].parameters(theta), data[0]) is not None
+    return looping and all(bound.takes_samples for bound in bounds)
+
+
+def _folded(
+    bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured], folds: Sequence[Any], plain: bool
+) -> tuple[Any, Any]:
+    """Values of all folds, and whether the response is finite, of one loop over time.
+
+    Plain are residuals and folds that depend on the model's parameters through the response alone.
+    """
+    first, values = bounds[0], tuple(own.values for own in data)
+    at = lax.stop_gradient(theta) if plain else theta
+    residuals = [bound.residual(at) for bound in bounds]
+
+    def make(seen: Any, beside: Any) -> tuple[Any, ...]:
+        return tuple(residual(seen, own) for residual, own in zip(residuals, beside, strict=True))
+
+    def folded(parameters: Any) -> Any:
+        loop = first.loop(parameters, data[0])
+        assert loop is not None  # `_in_one_loop` has looked
+        return loop.folded(side_by_side(folds), values, make)
+
+    found: tuple[Any, Any] = (
+        once_along_each(folded, first.parameters(theta)) if plain else folded(first.parameters(theta))
+    )
+    return found

@@ -1,0 +1,1 @@
+"""Comparison of model classes by evidence and by predictive density."""

@@ -1,0 +1,1 @@
+"""Predictions from a posterior, on the measured record or another one."""

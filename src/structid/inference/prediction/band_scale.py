@@ -1,0 +1,125 @@
+"""How far bands of another record must be narrowed or widened, by what they would have held of the measured one.
+
+A wrong model's error is in its predictions twice: as errors that are added, and as parameters that drift in another way. The
+measured record, predicted as if it were another one, shows how wide the two are together (conformal prediction: J. Lei et al. 2018,
+doi 10.1080/01621459.2017.1307116).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from structid.inference.convergence import autocorrelation_time
+from structid.inference.prediction.error_growth import running_power
+
+PROBABILITY = 0.9
+"""Of the bands that are compared."""
+LEVELS = np.array([-5.5, -4.5, -3.5, -2.5, -1.5, -0.5])
+"""Decades of the motion's running power over its largest, in each of which one factor is found: from quiet to strong."""
+LIMITS = (0.02, 4.0)
+"""Of the factors: one record is not proof of more."""
+FEWEST = 50
+"""Samples of a decade that has a factor of its own."""
+ROUNDS = 6
+"""In which the factors, between which there is a gradual change, are found."""
+
+
+@dataclass(frozen=True, eq=False)
+class BandScale:
+    """λ(t), by which draws are moved away from their median, as a function of the running power of the motion.
+
+    Parameters
+    ----------
+    factors : ndarray, shape (level, channel)
+        λ at `LEVELS`; log λ is linear between them, and constant beyond.
+    """
+
+    factors: np.ndarray
+
+    @classmethod
+    def of(cls, measured: np.ndarray, draws: np.ndarray, dt: float) -> BandScale:
+        """Find the factors with which a band of draws would have held the measured values as often as it says.
+
+        Parameters
+        ----------
+        measured : ndarray, shape (time, channel)
+            In SI.
+        draws : ndarray, shape (draw, time, channel)
+            Predictions of them, made as for another record.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        BandScale
+            Ones for a channel whose draws are all the same somewhere.
+        """
+        tail = 0.5 * (1.0 - PROBABILITY)
+        low, median, high = np.quantile(draws, [tail, 0.5, 1.0 - tail], axis=0)
+        half_width = np.where(measured > median, high - median, median - low)
+        power = _relative_power(median, dt)
+        factors = np.ones((len(LEVELS), measured.shape[1]))
+        for channel in np.flatnonzero((half_width > 0.0).all(axis=0)):
+            away = np.abs(measured - median)[:, channel] / half_width[:, channel]
+            factors[:, channel] = _factors(away, power[:, channel])
+        return cls(factors)
+
+    def applied(self, draws: np.ndarray, dt: float) -> np.ndarray:
+        """Move draws away from their median, or towards it.
+
+        Parameters
+        ----------
+        draws : ndarray, shape (draw, time, channel)
+            In SI.
+        dt : float
+            Time step [s].
+
+        Returns
+        -------
+        ndarray
+            In the same shape.
+        """
+        if not len(draws):
+            return draws
+        median = np.median(draws, axis=0)
+        power = _relative_power(median, dt)
+        scale = np.stack([_between(power[:, i], own) for i, own in enumerate(self.factors.T)], axis=1)
+        return np.asarray(median + scale * (draws - median))
+
+
+def _relative_power(median: np.ndarray, dt: float) -> np.ndarray:
+    """Log₁₀ of the running power over its largest, shape (time, channel)."""
+    power = running_power(median, dt)
+    largest = np.maximum(power.max(axis=0), np.finfo(np.float64).tiny)
+    return np.asarray(np.log10(np.maximum(power / largest, 1e-12)))
+
+
+def _between(power: np.ndarray, factors: np.ndarray) -> np.ndarray:
+    return np.asarray(np.exp(np.interp(power, LEVELS, np.log(factors))))
+
+
+def _factors(away: np.ndarray, power: np.ndarray) -> np.ndarray:
+    """Factors of one channel, from distances in half-widths of the band."""
+    decade = np.clip(np.round(power - LEVELS[0]).astype(int), 0, len(LEVELS) - 1)
+    own = [level for level in range(len(LEVELS)) if np.count_nonzero(decade == level) >= FEWEST]
+    if not own:
+        return np.ones(len(LEVELS))
+    # A decade of few samples goes with the nearest that has many.
+    nearest = np.array([min(own, key=lambda other: abs(other - level)) for level in range(len(LEVELS))])
+    factors = np.ones(len(LEVELS))
+    for _ in range(ROUNDS):
+        left = away / _between(power, factors)
+        found = np.array(
+            [_enough(left[nearest[decade] == level]) if level in own else 1.0 for level in range(len(LEVELS))]
+        )
+        factors = np.clip(factors * found[nearest], *LIMITS)
+    return factors
+
+
+def _enough(away: np.ndarray) -> float:
+    """The half-widths that hold 90 % of a next value: the ⌈(n + 1) p⌉-th of n independent ones, n of the correlated ones here."""
+    outside = (away > np.quantile(away, PROBABILITY)).astype(np.float64)
+    count = len(away) / autocorrelation_time(outside[None]) if outside.any() else 1.0
+    return float(np.quantile(away, min(PROBABILITY * (count + 1.0) / count, 1.0)))

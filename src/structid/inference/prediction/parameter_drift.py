@@ -1,0 +1,233 @@
+"""How far a wrong model's parameters drift while the structure moves, estimated from the residuals of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy
+
+from structid.core.units import factor
+from structid.inference.error_models.drifting import DRIFT_LOG_SD, DRIFT_MEDIAN, SPANS
+from structid.inference.likelihood.posterior import Posterior
+from structid.models.drifting_model import drift_name, hats
+
+STEP = 0.01
+"""Half the distance of central differences, in prior standard deviations."""
+
+NATS = 5.0
+"""Parameters are said to drift where that raises the log-likelihood by more than this."""
+
+TOLD = 1.2
+"""A drift is told of if it exceeds what its prior alone expects by this factor: of a smaller one the data say nothing."""
+
+
+@dataclass(frozen=True, eq=False)
+class ParameterDrift:
+    """By how much parameters change in time, where the data say that they do.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Whose parameters they are.
+    sd : ndarray, shape (parameter,)
+        Standard deviations d_j of θ_j(t) about its mean, in SI; zeros where the data do not say that any parameter drifts.
+    gain : float
+        By how much the best d raises the log density, over that without drift [nat].
+    """
+
+    posterior: Posterior = field(repr=False)
+    sd: np.ndarray = field(repr=False)
+    gain: float
+
+    @classmethod
+    def sampled(cls, posterior: Posterior, draws: np.ndarray) -> ParameterDrift:
+        """Take the drift from draws of a posterior whose law lets parameters drift.
+
+        Parameters
+        ----------
+        posterior : Posterior
+            With `Drifting`.
+        draws : ndarray, shape (draw, parameter)
+            In SI.
+
+        Returns
+        -------
+        ParameterDrift
+            The root mean square of every d_j.
+        """
+        places = [posterior.names.index(drift_name(name)) for name in posterior.model_space.names]
+        return cls(posterior, np.sqrt(np.mean(draws[:, places] ** 2, axis=0)), float("nan"))
+
+    @property
+    def found(self) -> bool:
+        """Whether the data say that the parameters drift."""
+        return bool(self.sd.any())
+
+    def widened(self, sd: np.ndarray) -> np.ndarray:
+        """Give the spread of the parameters on a record that was not measured, √(sd² + d²).
+
+        Parameters
+        ----------
+        sd : ndarray, shape (parameter,)
+            Of the posterior in SI, the model's parameters first.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            In SI; the law's parameters as they are.
+        """
+        return np.asarray(np.hypot(sd, np.pad(self.sd, (0, len(sd) - len(self.sd)))))
+
+    def sentence(self, mean: np.ndarray) -> str:
+        """Say by how much they drift.
+
+        Parameters
+        ----------
+        mean : ndarray, shape (parameter,)
+            Of the posterior in SI, the model's parameters first.
+
+        Returns
+        -------
+        str
+            Empty where they do not.
+        """
+        if not self.found:
+            return ""
+        parts = []
+        marginals = self.posterior.model_space.marginals
+        shares = self.sd / np.array([marginal.moments[1] for marginal in marginals.values()])
+        for place, (name, marginal) in enumerate(marginals.items()):
+            if shares[place] < min(TOLD * DRIFT_MEDIAN, shares.max()):
+                continue
+            unit, size = marginal.unit, float(self.sd[place])
+            told = f"{name} by {size / factor(unit):.2g}{' ' + unit if unit else ''}"
+            if shares[place] > 1.0:
+                told += " (more than the standard deviation of its prior)"
+            elif abs(mean[place]) > size:  # of a mean near zero, a share says nothing
+                told += f" ({100.0 * size / abs(mean[place]):.2g} % of its mean)"
+            parts.append(told)
+        return (
+            f"The parameters drift while the structure moves: {', '.join(parts)}. What is shown are their means over the measured "
+            "record; on another record they may differ by as much."
+        )
+
+    def moved(self, theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """Draw what the parameters are on a record that was not measured: θ_j + d_j b_j, b_j ~ N(0, 1).
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Draws in SI, the model's parameters first.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            In SI, within the support of the prior; the law's parameters as they are.
+        """
+        (low, high), count = self.posterior.model_space.bounds.T, len(self.sd)
+        own = theta[:, :count] + self.sd * rng.standard_normal((len(theta), count))
+        return np.concatenate([np.clip(own, low, high), theta[:, count:]], axis=1)
+
+
+def drift_of(posterior: Posterior, draws: np.ndarray, fit: np.ndarray) -> ParameterDrift | None:
+    """Give the drift as the law itself has it, or as it is estimated from what a fit leaves.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        That was sampled.
+    draws : ndarray, shape (draw, parameter)
+        Of it, in SI.
+    fit : ndarray, shape (parameter,)
+        The fit in SI, such as the MAP estimate.
+
+    Returns
+    -------
+    ParameterDrift or None
+        See `ParameterDrift.sampled` and `parameter_drift`.
+    """
+    return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
+
+
+def parameter_drift(posterior: Posterior, theta: np.ndarray, spans: int = SPANS) -> ParameterDrift | None:
+    """Estimate how far the parameters drift, to first order about a fit.
+
+    With hats h_k about knots in time, S_j = ∂M/∂θ_j and the law's whitening L⁻¹, the whitened residual is
+
+        e = V √D b + η,   V_jk = L⁻¹ h_k S_j,   D = diag(d_j²),   b, η ~ N(0, I),
+
+    so that b can be integrated out: log p(e | d) = ½ zᵀ (I + √D VᵀV √D)⁻¹ z − ½ log |I + √D VᵀV √D| + const, z = √D Vᵀ e.
+    d maximises this with the lognormal priors of `Drifting`. This is the first-order form of `Drifting` with the law's parameters
+    held. It needs two runs of the model for each parameter, so it can be had where the model is a surrogate. Where it finds a
+    drift, θ at the fit is a mean over this record only: √(sd² + d²) is the spread of the parameter on another one.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements, and a law of errors that are added to the response.
+    theta : ndarray, shape (parameter,)
+        The fit in SI, such as the MAP estimate.
+    spans : int
+        Parts of each record between knots.
+
+    Returns
+    -------
+    ParameterDrift or None
+        None where a run about the fit fails.
+    """
+    space = posterior.model_space
+    if space.dimension == 0:  # of the errors alone
+        return None
+    prior_sd = np.array([marginal.moments[1] for marginal in space.marginals.values()])
+    parts = [
+        _projections(posterior, theta, STEP * prior_sd, index, spans) for index in range(len(posterior.observations))
+    ]
+    if not all(np.isfinite(gram).all() and np.isfinite(projection).all() for gram, projection in parts):
+        return None
+    usual = np.full(space.dimension, np.log(DRIFT_MEDIAN))
+
+    def negative(log_share: np.ndarray) -> float:
+        spread = np.repeat(np.exp(log_share) * prior_sd, spans + 1)
+        prior = -0.5 * np.sum(((log_share - usual) / DRIFT_LOG_SD) ** 2)
+        return -float(prior + sum(_gain(gram, projection, spread) for gram, projection in parts))
+
+    best = scipy.optimize.minimize(negative, usual, method="Nelder-Mead", options={"maxiter": 400 * space.dimension})
+    gain = -float(best.fun)
+    sd = np.exp(best.x) * prior_sd if gain > NATS else np.zeros(space.dimension)
+    return ParameterDrift(posterior, sd, gain)
+
+
+def _gain(gram: np.ndarray, projection: np.ndarray, spread: np.ndarray) -> float:
+    """Log p(e | d) − log p(e | 0)."""
+    inner = np.eye(len(spread)) + spread[:, None] * gram * spread
+    factor = scipy.linalg.cholesky(inner, lower=True)
+    explained = scipy.linalg.solve_triangular(factor, spread * projection, lower=True)
+    return float(0.5 * explained @ explained - np.log(np.diag(factor)).sum())
+
+
+def _projections(
+    posterior: Posterior, theta: np.ndarray, steps: np.ndarray, index: int, spans: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """VᵀV (parameter · knot, parameter · knot) and Vᵀ e (parameter · knot,) of one observation."""
+    observation, count = posterior.observations[index], len(steps)
+    low, high = posterior.model_space.bounds.T
+    points = np.tile(theta, (2 * count + 1, 1))
+    points[1:, :count] = np.clip(theta[:count], low + steps, high - steps)
+    points[1:, :count] += np.concatenate([np.diag(steps), -np.diag(steps)])
+    response = posterior.predict(points, index)
+    plus, minus = response[1 : count + 1], response[count + 1 :]
+    sensitivity = (plus - minus) / (2.0 * steps[:, None, None])
+    samples = response.shape[1]
+    weights = hats(np.arange(samples) * spans / max(samples - 1, 1), spans + 1)
+    moved = np.einsum("jtc,tk->tcjk", sensitivity, weights).reshape(samples, -1, count * (spans + 1))
+    series = np.concatenate([(observation.values - response[0])[..., None], moved], axis=2)
+    unknown = {
+        name: np.repeat(value, series.shape[2]) for name, value in posterior.unknowns(theta[None], index).items()
+    }
+    series = observation.in_sds(series)
+    white = np.asarray(posterior.discrepancy.whiten(series, unknown, observation.channels, observation.record.dt))
+    flat = white.reshape(-1, white.shape[2])
+    return flat[:, 1:].T @ flat[:, 1:], flat[:, 1:].T @ flat[:, 0]

@@ -1,0 +1,528 @@
+"""Prior and posterior prediction, with and without discrepancy, on the measured record or another one."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from structid.core.channels import ChannelUnit
+from structid.core.errors import InputError
+from structid.core.notebook import ShownAsText
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
+from structid.core.units import factor
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.inference.error_models.base import Discrepancy
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.prediction.band_scale import BandScale
+from structid.inference.prediction.error_growth import ErrorGrowth, error_growth
+from structid.inference.prediction.parameter_drift import ParameterDrift
+from structid.models.base import Model
+from structid.observation import Observation
+
+PEAK_SHARE = (0.5, 0.5)
+"""Mean and sd of the power of the measured peak's ratio that corrects the peaks of another record."""
+
+
+@dataclass(frozen=True)
+class Prediction(ShownAsText):
+    """Draws of a predicted response.
+
+    Parameters
+    ----------
+    time : ndarray, shape (time,)
+        [s].
+    channels : tuple of str
+        What is predicted.
+    response : ndarray, shape (draw, time, channel)
+        The model's response in SI, without discrepancy.
+    observable : ndarray, shape (draw, time, channel)
+        With discrepancy: what an instrument would record. Equal to `response` for channels that were not measured, whose
+        discrepancy is unknown.
+    failed : int
+        Draws whose simulation failed; they are left out.
+    excitation : str
+        Name of the record.
+    units : mapping of str to ChannelUnit
+        Units of the channels.
+    structural : ndarray, shape (draw, time, channel), optional
+        With the model's own error, without the instrument's: what the structure does. The response where nothing else is given.
+    peak_ratio : ndarray, shape (channel,), optional
+        For another record, the measured record's peak over the one predicted of it in the same way, with the instrument's noise.
+        Ones where nothing is given.
+    peak_share : ndarray, shape (draw,), optional
+        The power of `peak_ratio` that corrects the peaks of each draw.
+    status : ndarray of int, shape (all draws,), optional
+        How the simulation of each draw ended, those included that are left out.
+    """
+
+    time: np.ndarray
+    channels: tuple[str, ...]
+    response: np.ndarray = field(repr=False)
+    observable: np.ndarray = field(repr=False)
+    failed: int
+    excitation: str
+    units: Mapping[str, ChannelUnit] = field(default_factory=dict)
+    structural: np.ndarray | None = field(default=None, repr=False)
+    peak_ratio: np.ndarray | None = None
+    peak_share: np.ndarray | None = None
+    status: np.ndarray | None = field(default=None, repr=False)
+
+    def __str__(self) -> str:
+        runs, samples, _ = self.response.shape
+        failed = f", {self.failed} failed" if self.failed else ""
+        lines = [f"{runs} draws{failed} of the response to {self.excitation or 'a record'}, {samples} samples"]
+        for channel, peaks in zip(self.channels, self.peaks.T, strict=True):
+            unit = self.units[channel].display if channel in self.units else ""
+            low, middle, high = np.quantile(peaks, (0.05, 0.5, 0.95)) / factor(unit) if runs else (np.nan,) * 3
+            lines.append(f"  peak {channel} {middle:.3g} {unit} (90 %: {low:.3g} to {high:.3g})")
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def band(self, probability: float = 0.9, discrepancy: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Pointwise central interval.
+
+        Parameters
+        ----------
+        probability : float
+            Its probability.
+        discrepancy : bool
+            Of the observable instead of the model's response.
+
+        Returns
+        -------
+        tuple of ndarray, shape (time, channel)
+            Lower and upper edge in SI.
+        """
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(self.observable if discrepancy else self.response, [tail, 1.0 - tail], axis=0)
+        return low, high
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Largest absolute value of what the structure does in every draw, in SI, shape (draw, channel).
+
+        Of another record, each draw u is corrected by r^s_u, where r is `peak_ratio` and s_u the draw's `peak_share`: the half of
+        r, give or take a half. A model that is wrong about one peak is often wrong about the next in the same direction, and
+        one record does not tell how often.
+        """
+        largest = _largest(self.response if self.structural is None else self.structural)
+        if self.peak_ratio is None or self.peak_share is None:
+            return largest
+        return np.asarray(largest * self.peak_ratio ** self.peak_share[:, None])
+
+
+def first_that_takes(record: Excitation | None, *posteriors: Posterior) -> Posterior:
+    """Choose the posterior by which to predict a record: a surrogate may know only the records that it was fitted to.
+
+    Parameters
+    ----------
+    record : Excitation or None
+        The record; None for the measured one.
+    *posteriors : Posterior
+        In the order in which they are preferred; the last takes any record.
+
+    Returns
+    -------
+    Posterior
+        The first whose model takes it.
+    """
+    for posterior in posteriors[:-1]:
+        try:
+            if record is not None:
+                posterior.model.check_excitation(record)
+        except InputError:
+            continue
+        return posterior
+    return posteriors[-1]
+
+
+def predict(
+    posterior: Posterior,
+    theta: np.ndarray,
+    record: Excitation | None = None,
+    channels: tuple[str, ...] | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    drift: ParameterDrift | None = None,
+    scaled: bool = True,
+    observation: int | None = None,
+) -> Prediction:
+    """Predict the response of draws of the parameters.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (draw, parameter)
+        Draws in SI.
+    record : Excitation, optional
+        The record; the first measured one when left out. On a measured record the discrepancy, gain, offset and time shift of a
+        channel are those of the observation that measured it there. On another record, they are those of the first observation
+        that measured the channel, without its instrument.
+        The discrepancy grows with the motion as far as the measured residuals do (`error_growth`). On another record parameters
+        drift in another way, as far as they did on the measured one. All of it is scaled so that the measured record, predicted
+        like this, is inside its 90 % band as often as the band says, in its strong and in its quiet part (`BandScale`).
+    channels : tuple of str, optional
+        What to predict; when left out what was measured, by all observations of that record, or of any where it is another one.
+        Channels that were not measured have no discrepancy.
+    seed : int
+        Seed of the discrepancy.
+    progress : callable, optional
+        Called with the number of finished runs and the total.
+    drift : ParameterDrift, optional
+        How far the parameters of another record may be from those of the measured ones; see `parameter_drift`. Where the law
+        itself lets them drift, its draws say so.
+    scaled : bool
+        Whether the errors are scaled by what their band holds of the measured record; without, they are those of the law.
+    observation : int, optional
+        Which observation to predict, from 0: its record and its channels, where several observations share a record or a channel.
+
+    Returns
+    -------
+    Prediction
+        Draws whose simulation succeeded.
+    """
+    predictor = Predictor(posterior, theta, seed, drift, scaled)
+    return predictor.on(record, channels, progress, observation=observation)
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Predicts the response of the same draws to one record after another; see `predict`.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Model, measurements and discrepancy.
+    theta : ndarray, shape (draw, parameter)
+        Draws in SI.
+    seed : int
+        Seed of the discrepancy.
+    drift : ParameterDrift, optional
+        How far the parameters of another record may be from those of the measured ones.
+    scaled : bool
+        Whether the errors are scaled by what their band holds of the measured record.
+    """
+
+    posterior: Posterior
+    theta: np.ndarray = field(repr=False)
+    seed: int = 0
+    drift: ParameterDrift | None = None
+    scaled: bool = True
+
+    def on(
+        self,
+        record: Excitation | None = None,
+        channels: tuple[str, ...] | None = None,
+        progress: Progress | None = None,
+        stand_in: Model | None = None,
+        observation: int | None = None,
+    ) -> Prediction:
+        """Predict the response to a record.
+
+        Parameters
+        ----------
+        record : Excitation, optional
+            The record; the first measured one when left out.
+        channels : tuple of str, optional
+            What to predict; what was measured when left out.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+        stand_in : Model, optional
+            A surrogate that knows that record, in the model's place. The errors that are added are the model's.
+        observation : int, optional
+            Which observation to predict.
+
+        Returns
+        -------
+        Prediction
+            Draws whose simulation succeeded.
+        """
+        observations = self.posterior.observations
+        if observation is not None and not 0 <= observation < len(observations):
+            raise InputError("observation", f"{observation}", f"0 to {len(observations) - 1}")
+        own = observations[observation or 0].record
+        if observation is not None and record is not None and record is not own:
+            raise InputError(
+                "observation", f"{observation} and a record that is not its own", "one of the two", "Leave record out."
+            )
+        record = own if record is None else record
+        sources = Sources.of_record(observations, record, channels, observation)
+        prediction = self._responding(record, sources, progress, stand_in)
+        if not self.scaled or not len(prediction.response):
+            return prediction
+        whole = prediction
+        for index in sources.indices:
+            measured = observations[index]
+            if index in sources.here:
+                places = sources.places(index)
+                there = [measured.channels.index(sources.channels[place]) for place in places]
+                scale = BandScale.of(measured.values[:, there], prediction.observable[:, :, places], record.dt)
+                whole = _scaled(whole, scale, places, record.dt, response=False)  # its parameters have not been moved
+        # The measured record once more costs an expensive model as many runs again.
+        if sources.here or self.posterior.costs_runs:
+            return whole
+        ratios = np.ones(len(sources.channels))
+        for index in sources.indices:
+            measured, places = observations[index], sources.places(index)
+            there = [measured.channels.index(sources.channels[place]) for place in places]
+            scale, ratio = self._of_the_measured_record(index)
+            whole = _scaled(whole, BandScale(scale.factors[:, there]), places, record.dt)
+            ratios[places] = ratio[there]
+        share = stream(self.seed, Purpose.PEAK_OF_ANOTHER_RECORD).normal(*PEAK_SHARE, size=len(prediction.response))
+        return replace(whole, peak_ratio=ratios, peak_share=share)
+
+    def _of_the_measured_record(self, index: int) -> tuple[BandScale, np.ndarray]:
+        """What a prediction of an observation, made as for another record, would have held of it; the ratio of peaks."""
+        if index not in self._measured_again:
+            observation = self.posterior.observations[index]
+            another = copy.copy(observation.record)  # records are told apart by identity
+            sources = Sources(observation.channels, (index,) * len(observation.channels), frozenset())
+            prediction = self._responding(another, sources, None, instrument=True)
+            scale = BandScale.of(observation.values, prediction.observable, another.dt)
+            scaled = _scaled(prediction, scale, list(range(len(observation.channels))), another.dt)
+            ratio = _peak_ratio(observation.values, scaled, stream(self.seed, Purpose.NOISE_OF_THE_PEAK))
+            self._measured_again[index] = scale, ratio
+        return self._measured_again[index]
+
+    @cached_property
+    def _measured_again(self) -> dict[int, tuple[BandScale, np.ndarray]]:
+        return {}
+
+    @cached_property
+    def _growth_of_errors(self) -> dict[int, ErrorGrowth]:
+        return {}
+
+    def _growth(self, index: int) -> ErrorGrowth:
+        """How the errors of an observation grow with the motion, which costs one run, once."""
+        if index not in self._growth_of_errors:
+            self._growth_of_errors[index] = error_growth(self.posterior, self.theta.mean(axis=0), index)
+        return self._growth_of_errors[index]
+
+    def _responding(
+        self,
+        record: Excitation,
+        sources: Sources,
+        progress: Progress | None,
+        stand_in: Model | None = None,
+        instrument: bool = False,
+    ) -> Prediction:
+        """Draws of the response; of another record with the observations' instruments only if asked for."""
+        posterior, theta, hidden = self.posterior, self.theta, stream(self.seed, Purpose.HIDDEN_ON_ANOTHER_RECORD)
+        observations = posterior.observations
+        if self.drift is not None and not posterior.law.inside and not sources.here:
+            theta = self.drift.moved(theta, hidden)
+        measured = {index: observations[index].channels for index in sources.indices}
+        every = tuple(dict.fromkeys((*(c for own in measured.values() for c in own), *sources.channels)))
+        # Errors inside the model are an observation's own: then each has a run of its own.
+        alone = posterior.law.inside and len(sources.here) > 1
+        runs = {
+            index: self._run(theta, record, every, index, hidden, progress, stand_in)
+            for index in (sources.indices if alone else [min(sources.here, default=None)])
+        }
+        good = np.all([run.done for run in runs.values()], axis=0)
+
+        def response_of(index: int | None, channels: Sequence[str]) -> np.ndarray:
+            """The model's response, with the instrument of an observation, (draw, time, channel)."""
+            run = runs[index] if alone and index is not None else next(iter(runs.values()))
+            values = run.values[good][:, :, [run.channels.index(c) for c in channels]]
+            if index is None or not len(values) or not (index in sources.here or instrument):
+                return np.asarray(values)
+            unknown = posterior.unknowns(theta[good], index)
+            shown = observations[index].transmit(values.transpose(1, 2, 0), unknown)
+            return np.asarray(shown).transpose(2, 0, 1)
+
+        responses = {index: response_of(index, own) for index, own in measured.items()}
+        plain = response_of(None, sources.channels)
+
+        def erring(law: Discrepancy | None, purpose: Purpose | None = None) -> np.ndarray:
+            found = plain.copy()
+            for index, response in responses.items():
+                observation, places = observations[index], sources.places(index)
+                there = [observation.channels.index(sources.channels[place]) for place in places]
+                values = response
+                if law is not None:
+                    drawn = purpose or (
+                        Purpose.PREDICTION_ON_THE_RECORD
+                        if index in sources.here
+                        else Purpose.PREDICTION_ON_ANOTHER_RECORD
+                    )
+                    rng, unknown = stream(self.seed, drawn, index), posterior.unknowns(theta[good], index)
+                    errors = law.draw(rng, response.shape, unknown, observation.channels, record.dt)
+                    values = response + self._size_of_errors(index, response, record.dt, index in sources.here) * errors
+                found[:, :, places] = values[:, :, there]
+            return np.asarray(found)
+
+        law, first = posterior.discrepancy, next(iter(runs.values()))
+        units = first.units | {
+            c: observations[index].channel_unit(c)
+            for index, own in reversed(measured.items())
+            for c in own
+            if c in observations[index].units
+        }
+        return Prediction(
+            first.time,
+            sources.channels,
+            erring(None),
+            erring(law),
+            int((~good).sum()),
+            record.name,
+            {c: units[c] for c in sources.channels},
+            erring(law.of_the_model, Purpose.PREDICTED_MODEL_ERROR),
+            status=np.max([run.status for run in runs.values()], axis=0),
+        )
+
+    def _run(
+        self,
+        theta: np.ndarray,
+        record: Excitation,
+        channels: tuple[str, ...],
+        index: int | None,
+        hidden: np.random.Generator,
+        progress: Progress | None,
+        stand_in: Model | None,
+    ) -> Histories:
+        """Run the model on a record; `index` says which observation, None another record."""
+        posterior = self.posterior
+        if stand_in is not None:
+            space = posterior.model_space
+            model, parameters = stand_in, np.asarray(space.columns(theta[:, : space.dimension], stand_in.free))
+        else:
+            model, parameters = posterior.likelihood.on_record(theta, record, hidden, index)
+            if set(channels) - set(model.channels):
+                model = model.recording(*channels)
+        return model.simulate(parameters, record, progress=progress, map=posterior.map)
+
+    def _size_of_errors(self, index: int, response: np.ndarray, dt: float, here: bool) -> np.ndarray:
+        """By what the errors of an observation are multiplied: their growth with the motion, and known standard deviations."""
+        observation = self.posterior.observations[index]
+        scale = self._growth(index).scale(response, dt)
+        if observation.sd is None:
+            return scale
+        # Known for the measured record; of another one it is the mean square that carries over.
+        sd = np.asarray(observation.sd)
+        return np.asarray(sd if here else scale * np.sqrt(np.mean(sd**2, axis=0)))
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Which observation says what errors a predicted channel has.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        What is predicted.
+    of : tuple of int or None
+        The observation of each channel; None for a channel that nobody measured.
+    here : frozenset of int
+        Observations that were made on the predicted record itself.
+    """
+
+    channels: tuple[str, ...]
+    of: tuple[int | None, ...]
+    here: frozenset[int]
+
+    @classmethod
+    def of_record(
+        cls,
+        observations: Sequence[Observation],
+        record: Excitation,
+        channels: tuple[str, ...] | None,
+        observation: int | None,
+    ) -> Sources:
+        """Choose for every channel an observation on that record, or else the first that measured the channel.
+
+        Parameters
+        ----------
+        observations : sequence of Observation
+            What was measured.
+        record : Excitation
+            The predicted one.
+        channels : tuple of str or None
+            What is predicted; None for everything that was measured on that record, or anywhere where it is another one.
+        observation : int or None
+            The only one on that record that is meant.
+
+        Returns
+        -------
+        Sources
+            One for each channel.
+        """
+        on_record = [i for i, o in enumerate(observations) if o.record is record]
+        here = on_record if observation is None else [observation]
+        order = [*here, *(i for i in range(len(observations)) if i not in here)]
+        if channels is None:
+            channels = tuple(dict.fromkeys(c for i in here or order for c in observations[i].channels))
+        first = tuple(next((i for i in order if c in observations[i].channels), None) for c in channels)
+        return cls(tuple(channels), first, frozenset(here))
+
+    @property
+    def indices(self) -> list[int]:
+        """Observations that are a source, in their order."""
+        return sorted({index for index in self.of if index is not None})
+
+    def places(self, index: int) -> list[int]:
+        """Places of the channels whose source is one observation.
+
+        Parameters
+        ----------
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        list of int
+            Among `channels`.
+        """
+        return [place for place, source in enumerate(self.of) if source == index]
+
+
+def _peak_ratio(measured: np.ndarray, prediction: Prediction, rng: np.random.Generator) -> np.ndarray:
+    """Measured peak over the predicted one with the instrument's noise, which makes a peak larger, shape (channel,).
+
+    The errors of a wrong model are smooth, noise is not: σ² is estimated from second differences of the residual, whose variance
+    is 6σ² (J. Rice 1984, doi 10.1214/aos/1176346788, who takes first ones).
+    """
+    structural = prediction.response if prediction.structural is None else prediction.structural
+    residual = measured - np.median(prediction.response, axis=0)
+    sd = np.sqrt(np.mean(np.diff(residual, 2, axis=0) ** 2, axis=0) / 6.0) if len(residual) > 2 else 0.0
+    predicted = np.median(_largest(structural + sd * rng.normal(size=structural.shape)), axis=0)
+    largest = _largest(measured[None])[0]
+    moves = (largest > 0.0) & (predicted > 0.0)
+    return np.where(moves, largest / np.where(moves, predicted, 1.0), 1.0)
+
+
+def _largest(histories: np.ndarray) -> np.ndarray:
+    """Largest absolute value over time, shape (draw, channel)."""
+    return np.asarray(np.abs(histories).max(axis=1))
+
+
+def _scaled(
+    prediction: Prediction, scale: BandScale, places: list[int], dt: float, response: bool = True
+) -> Prediction:
+    """A prediction with errors as large as they were on the measured record, in some channels; `response`: its own draws too."""
+    if not places:
+        return prediction
+
+    def applied(draws: np.ndarray, scale: BandScale) -> np.ndarray:
+        found = draws.copy()
+        found[:, :, places] = scale.applied(draws[:, :, places], dt)
+        return found
+
+    # What the parameters leave open is a part of the whole: narrowed with it, but not widened. A peak is an extreme of the whole
+    # record, of which a band that holds nine tenths of the samples says little: what peaks are taken from is not narrowed.
+    narrowed, widened = BandScale(np.minimum(scale.factors, 1.0)), BandScale(np.maximum(scale.factors, 1.0))
+    structural = prediction.response if prediction.structural is None else prediction.structural
+    return replace(
+        prediction,
+        response=applied(prediction.response, narrowed) if response else prediction.response,
+        observable=applied(prediction.observable, scale),
+        structural=applied(structural, widened),
+    )

@@ -1,0 +1,355 @@
+"""What every sampler is: settings that draw from a target, block by block, and what they return."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from structid.core.progress import Progress
+from structid.inference.target import Target
+from structid.models.base import Model
+
+Block = dict[str, np.ndarray]
+"""Arrays with a leading step axis."""
+
+BLOCK_STEPS = 50
+"""Steps between two writes to the store. Random streams are derived block by block, so a killed run repeats one block."""
+
+Keep = Callable[[int, Block], None]
+"""Adds to a block how long it took, and puts it on disk under its number."""
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """log Z, Z = ∫ π₀(θ) L(θ) dθ.
+
+    Parameters
+    ----------
+    value : float
+        log Z.
+    error : float
+        Its standard error.
+    each : ndarray, shape (population,)
+        log Z of independent populations.
+    smallest_basin : float
+        Share of the prior in the basin of a mode (from where a way uphill leads to it) from which on the mode is found with a
+        probability of 95 %. Modes with smaller basins may be missing in Z. NaN where none were searched for.
+    at_rest : bool
+        Whether the particles had come to rest. Where they had not, Z lacks what they had not reached, and the error does not know.
+    """
+
+    value: float
+    error: float
+    each: np.ndarray
+    smallest_basin: float = float("nan")
+    at_rest: bool = True
+
+    @classmethod
+    def of_populations(cls, each: np.ndarray, variance: np.ndarray, lacking: np.ndarray) -> Evidence:
+        """Average the evidence of independent populations.
+
+        Parameters
+        ----------
+        each : ndarray, shape (population,)
+            log Z of each.
+        variance : ndarray, shape (population,)
+            Variance of each log Z by its own particles.
+        lacking : ndarray, shape (population,)
+            How much each log Z may be too small because its particles had not equilibrated.
+
+        Returns
+        -------
+        Evidence
+            The mean of Z. Its error is the larger of two: the scatter between populations, and the scatter expected from their
+            own particles. What all populations lack is added to this error, with its own error. It does not average out, since
+            all lack it alike.
+        """
+        count = len(each)
+        value = float(logsumexp(each) - np.log(count))
+        between, unsure = (each.var(ddof=1), lacking.var(ddof=1)) if count > 1 else (0.0, 0.0)
+        error = np.sqrt((max(between, variance.mean()) + unsure) / count + lacking.mean() ** 2)
+        return cls(value, float(error), each)
+
+    def __str__(self) -> str:
+        said = f"log evidence {self.value:.2f} ± {self.error:.2f}"
+        if not self.at_rest:
+            return f"{said}, without what the particles have not reached: they are not at rest"
+        return said if np.isnan(self.smallest_basin) else f"{said} ({self.reach})"
+
+    def __sub__(self, other: Evidence) -> LogBayesFactor:
+        """Compare with that of another model of the same measurement: log Z − log Z′, with the errors of both."""
+        return LogBayesFactor(self.value - other.value, float(np.hypot(self.error, other.error)))
+
+    @property
+    def reach(self) -> str:
+        """Which modes are in it."""
+        return f"of the modes whose basin holds {100 * self.smallest_basin:.2g} % of the prior or more"
+
+
+class LogBayesFactor(NamedTuple):
+    """How much more a measurement speaks for one model than for another.
+
+    Parameters
+    ----------
+    value : float
+        Log of the ratio of both evidences [nat]: e^5 is 148 to 1.
+    error : float
+        Its standard error.
+    """
+
+    value: float
+    error: float
+
+    def __str__(self) -> str:
+        return f"log Bayes factor {self.value:.2f} ± {self.error:.2f}"
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a chain cost whose proposals come from a surrogate.
+
+    Parameters
+    ----------
+    true_runs : int
+        Runs of the model itself, including those of the start.
+    surrogate_runs : int
+        Runs of the surrogate in sub-chains.
+    acceptance : float
+        Share of the proposals that the model accepted, over the kept steps.
+    sub_steps : int
+        Moves of a sub-chain, as tuned.
+    """
+
+    true_runs: int
+    surrogate_runs: int
+    acceptance: float
+    sub_steps: int
+
+    @property
+    def speed_up(self) -> float:
+        """Moves of the chain for each run of the model, refused ones not counted. Without the surrogate, each move takes a run."""
+        return self.acceptance * self.surrogate_runs / max(self.true_runs, 1)
+
+    def __str__(self) -> str:
+        return (
+            f"{self.true_runs} true runs, {self.surrogate_runs} of the surrogate ({self.sub_steps} to a proposal, "
+            f"{self.acceptance:.0%} of them accepted): {self.speed_up:.0f} moves for each true run"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What a sampler has drawn.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (step, ensemble, walker, parameter)
+        Unconstrained coordinates of every step, the discarded ones included.
+    log_density : ndarray, shape (step, ensemble, walker)
+        Log density with respect to φ.
+    accepted : ndarray of bool, shape (step, ensemble, walker)
+        Whether each proposal was accepted.
+    failed : int
+        Simulations that failed.
+    log_evidence : Evidence, optional
+        For samplers that estimate it.
+    cost : Cost, optional
+        For samplers that run both a model and its surrogate.
+    divergent : int
+        Trajectories that did not conserve energy, for samplers that follow trajectories.
+    """
+
+    phi: np.ndarray
+    log_density: np.ndarray
+    accepted: np.ndarray
+    failed: int
+    log_evidence: Evidence | None = None
+    cost: Cost | None = None
+    divergent: int = 0
+
+
+class Sampler(ABC):
+    """Settings of a sampler; `structid.sample` draws with it."""
+
+    ensembles: int
+    steps: int
+    discard: float
+
+    needed_length: ClassVar[float]
+    """Number of autocorrelation times that the kept steps of a converged run must span."""
+    needs_derivatives: ClassVar[bool] = False
+    """Whether the target's density must be a JAX function."""
+    interacting: ClassVar[bool] = True
+    """Whether walkers interact, so that an ensemble must have at least twice as many walkers as there are parameters."""
+    exact: ClassVar[bool] = False
+    """Whether it draws from the posterior of the model itself, with a surrogate that only proposes."""
+
+    starts_elsewhere: ClassVar[bool] = True
+    """Whether walkers start away from the posterior, so that one may never get there."""
+    compared: ClassVar[bool] = False
+    """Whether its draws are compared with those of an independent population: few chains can miss a tail or a mode together."""
+
+    @property
+    def proposal_model(self) -> Model | None:
+        """What makes the proposals instead of the sampled model; None where the target itself does."""
+        return None
+
+    def proposing_by(self, surrogate: Model) -> Sampler:
+        """Return these settings with a surrogate that makes the proposals; for samplers that are exact.
+
+        Parameters
+        ----------
+        surrogate : Model
+            Of the model that is sampled.
+
+        Returns
+        -------
+        Sampler
+            The settings, complete.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no use for a surrogate's proposals")
+
+    @property
+    @abstractmethod
+    def walkers(self) -> int:
+        """Interacting walkers, particles or chains in each ensemble."""
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """Settings that decide the draws, for hashes: more steps continue the same chain.
+
+        Returns
+        -------
+        dict
+            By name.
+        """
+
+    def evaluations(self, dimension: int) -> int:
+        """Densities that will be evaluated, about; those of the start and of discarded draws included.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+
+        Returns
+        -------
+        int
+            Of the target that is sampled.
+        """
+        return self.steps * self.ensembles * self.walkers
+
+    @property
+    @abstractmethod
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+
+    @abstractmethod
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw, continuing from the blocks on disk.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample.
+        seed : int
+            Seed; with the number of a block it gives the block's random stream.
+        start : ndarray (point, parameter) or None
+            Points in SI to start from, for samplers that take them.
+        blocks : list of dict
+            What is already on disk, in order.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Called with the amount done and the total.
+
+        Returns
+        -------
+        Drawn
+            All draws.
+        """
+
+
+def correlation(before: np.ndarray, after: np.ndarray) -> float:
+    """Largest correlation, over the parameters, between two positions of every walker.
+
+    Parameters
+    ----------
+    before, after : ndarray, shape (ensemble, walker, parameter)
+        Where they were, and are.
+
+    Returns
+    -------
+    float
+        1 where none has moved.
+    """
+    a, b = (p - p.mean(axis=1, keepdims=True) for p in (before, after))
+    scale = np.sqrt((a**2).sum(axis=(0, 1)) * (b**2).sum(axis=(0, 1)))
+    return float(np.max((a * b).sum(axis=(0, 1)) / np.where(scale > 0, scale, 1.0)))
+
+
+def joined(blocks: list[Block], steps: int) -> dict[str, np.ndarray]:
+    """Put blocks together.
+
+    Parameters
+    ----------
+    blocks : list of dict
+        In order.
+    steps : int
+        Steps that are wanted; a stored run may have more.
+
+    Returns
+    -------
+    dict of str to ndarray
+        With a leading step axis.
+    """
+    return {name: np.concatenate([b[name] for b in blocks])[:steps] for name in blocks[0]}
+
+
+def block_lengths(steps: int) -> Iterator[int]:
+    """Lengths of the blocks a run is made of.
+
+    Parameters
+    ----------
+    steps : int
+        Steps in all.
+
+    Yields
+    ------
+    int
+        Whole blocks, then what is left.
+    """
+    for begin in range(0, steps, BLOCK_STEPS):
+        yield min(BLOCK_STEPS, steps - begin)
+
+
+def without_cut_off(blocks: list[Block], lengths: Sequence[int]) -> list[Block]:
+    """Leave out a last block that an earlier, shorter run cut short: its random stream is that of a whole block.
+
+    Parameters
+    ----------
+    blocks : list of dict
+        What is on disk.
+    lengths : sequence of int
+        Steps of the blocks of the run that is wanted.
+
+    Returns
+    -------
+    list of dict
+        The blocks to continue from.
+    """
+    cut_off = 0 < len(blocks) <= len(lengths) and len(blocks[-1]["log_density"]) < lengths[len(blocks) - 1]
+    return blocks[:-1] if cut_off else blocks

@@ -1,0 +1,95 @@
+"""The evidence from particles of neighbouring stages, by Bennett's acceptance ratio."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import scipy
+from scipy.special import expit
+
+from structid.inference.sampling.base import Evidence
+from structid.inference.sampling.smc.tempering import Population
+
+
+def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) -> Evidence:
+    """Evidence from the particles of all stages.
+
+    After weighting and resampling, the particles should follow the law of the next exponent, which moves do not change on
+    average. Where a narrow peak takes over, too few of them are on it. They lag behind, and their mean log-likelihood rises while
+    they move. When their correlation with where they began has fallen to ρ, the share ρ of such a deficit D is left: after a rise
+    of (1 − ρ) D, ρ D is missing.
+
+    Parameters
+    ----------
+    stages : list of Population
+        From β = 0 to β = 1.
+    rise : ndarray, shape (stage, ensemble)
+        Of the mean log-likelihoods while the particles moved.
+    left : ndarray, shape (stage,)
+        ρ, the correlation at the end of each stage with where it began.
+
+    Returns
+    -------
+    Evidence
+        Σ log Z_{k+1}/Z_k of each population, and their mean.
+    """
+    left = np.clip(left, 0.0, 1.0 - np.finfo(np.float64).eps)
+    each = np.zeros(len(stages[0].prior))
+    variance = np.zeros_like(each)
+    for stage, (now, then) in enumerate(itertools.pairwise(stages)):
+        for row in range(len(each)):
+            increment = then.exponent - now.exponent
+            ratio, own = bennett_ratio(increment * now.likelihood[row], increment * then.likelihood[row])
+            each[row] += ratio
+            # If each stage correlates by ρ with the next, the variance of their sum is (1 + ρ) / (1 − ρ) times that of
+            # independent ones.
+            variance[row] += own * (1.0 + left[stage + 1]) / (1.0 - left[stage + 1])
+    # log Z = ∫ ⟨log L⟩ dβ = ∫ β ⟨log L⟩ d log β (thermodynamic integration): what mean log-likelihoods lack, log Z lacks. The
+    # first exponents lie decades apart, where ⟨log L⟩ falls like 1/β.
+    exponent = np.array([stage.exponent for stage in stages])[1:]
+    lacked = rise[1:] * (exponent * left[1:] / (1.0 - left[1:]))[:, None]
+    lacking = lacked[0] + scipy.integrate.trapezoid(lacked, np.log(exponent), axis=0)
+    return Evidence.of_populations(each, variance, lacking)
+
+
+def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
+    """Log Z₁/Z₀ of two densities from draws of both (C. H. Bennett 1976, doi 10.1016/0021-9991(76)90078-4).
+
+    With f(x) = 1/(1 + eˣ) and equally many draws of each, log Z₁/Z₀ is the C that solves Σ₀ f(C − w) = Σ₁ f(w − C).
+
+    Parameters
+    ----------
+    forward, backward : ndarray, shape (draw,)
+        w, the log of the unnormalised second density over the first, at draws of the first and of the second.
+
+    Returns
+    -------
+    tuple of float
+        log Z₁/Z₀, and its variance if the draws were independent.
+    """
+
+    def difference(constant: float) -> float:
+        return float(expit(forward - constant).sum() - expit(constant - backward).sum())
+
+    weighing, seen = forward[np.isfinite(forward)], backward[np.isfinite(backward)]
+    if not (weighing.size and seen.size):  # nothing of one density where the other is
+        return -np.inf, np.inf
+    # Begun where the draws with most weight are, and widened: draws of a log density of −1e30 must not widen it.
+    found = _root_of_falling(difference, 0.5 * (float(weighing.max()) + float(np.median(seen))))
+    shares = (expit(forward - found), expit(found - backward))
+    variance = sum(float(np.mean(f**2) / np.mean(f) ** 2 - 1.0) / len(f) for f in shares)
+    return float(found), variance
+
+
+def _root_of_falling(function: Callable[[float], float], start: float) -> float:
+    """Root of a function that falls from above to below zero."""
+    low = high = start
+    step = 1.0
+    while function(low) < 0.0:
+        low, step = low - step, 2.0 * step
+    step = 1.0
+    while function(high) > 0.0:
+        high, step = high + step, 2.0 * step
+    return low if low == high else float(scipy.optimize.brentq(function, low, high, xtol=1e-10, maxiter=1000))

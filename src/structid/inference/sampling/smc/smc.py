@@ -1,0 +1,320 @@
+"""Tempered sequential Monte Carlo: from the prior to the posterior by degrees, and the evidence on the way.
+
+P. Del Moral, A. Doucet & A. Jasra (2006), doi 10.1111/j.1467-9868.2006.00553.x; adaptive exponents after J. Ching & Y.-C. Chen
+(2007), doi 10.1061/(ASCE)0733-9399(2007)133:7(816). Particles move as the walkers of an ensemble do, or to a draw of a law fitted
+to the resting ones, so the target needs no gradient. An external solver can be sampled, its failures are counted, and every stage
+is on disk before the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from structid.core.errors import ConvergenceError, InputError
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
+from structid.core.validation import check_arguments
+from structid.inference.sampling.base import (
+    BLOCK_STEPS,
+    Block,
+    Drawn,
+    Evidence,
+    Keep,
+    Sampler,
+    block_lengths,
+    joined,
+    without_cut_off,
+)
+from structid.inference.sampling.moves import EnsembleState
+from structid.inference.sampling.smc.bridge_sampling import evidence_of
+from structid.inference.sampling.smc.lost_modes import lost_modes
+from structid.inference.sampling.smc.particle_mixing import still_moving
+from structid.inference.sampling.smc.reference_density import FromReference
+from structid.inference.sampling.smc.tempering import Population, block_of, run_moves, run_stage, starting_population
+from structid.inference.target import Target
+
+MOST_STAGES = 200
+"""Stages after which the tempering is given up."""
+EVALUATIONS = (1.4, 25.0)
+"""Of a particle in a tempering: the first times the square of the number of parameters, or if that is less the second times their
+number, for stages and moves as long as `SMC.evaluations` says. Posteriors of 5 to 36 parameters took half to twice as many."""
+NEGLIGIBLE = 1e-3
+"""Mass of a lost mode, as a share of what was found, for which particles do not begin again."""
+MORE_BY = 3.0
+"""Standard errors by which a second tempering's evidence must exceed the first's to be believed in its place."""
+
+
+@check_arguments
+@dataclass(frozen=True)
+class SMC(Sampler):
+    """Settings of tempered sequential Monte Carlo.
+
+    Particles begin as draws of the prior π₀ and pass through π₀ L^β with β rising from 0 to 1. Each stage weights them by L^Δβ,
+    resamples them by these weights, and moves them. The evidence ∫ π₀ L is a product over neighbouring stages: the ratios of
+    their normalising constants, each by Bennett's acceptance ratio from the particles of both.
+
+    Parameters
+    ----------
+    particles : int
+        Particles of a population, even and at least twice the number of parameters.
+    ensembles : int
+        Independent populations; R-hat compares them, and the evidence's error comes from them.
+    steps : int
+        Moves of every particle once β = 1 is reached; these are kept.
+    effective_share : float
+        Effective share of the particles after the weighting of a stage. It sets Δβ.
+    correlation : float
+        Particles move in a stage until neither any parameter nor the log-likelihood correlates by more than this with its value
+        at the start of the stage, and until the mean log-likelihood has stopped rising.
+    least_moves, most_moves : int
+        Smallest and largest number of moves in a stage. Where the largest was too small, the error of the evidence says so.
+    stretch : float
+        a of the stretch move.
+    independent : float
+        Fraction of the moves that are independence moves, drawn from laws fitted to the resting particles. Where such laws
+        resemble the posterior, these moves make a particle forget where it was. With dozens of parameters they do not, and 0
+        saves these moves.
+    differential_evolution : float
+        Fraction of the other moves that are differential-evolution moves instead of stretch moves.
+    scouts : int
+        Draws of the prior for each particle, from which modes are searched that the particles have lost. If one is found, they
+        begin again, around all known modes. 0 to leave it out.
+    """
+
+    particles: int = 1000
+    ensembles: int = 4
+    steps: int = 100
+    effective_share: float = 0.7
+    correlation: float = 0.2
+    least_moves: int = 3
+    most_moves: int = 40
+    stretch: float = 2.0
+    independent: float = 0.6
+    differential_evolution: float = 0.5
+    scouts: int = 1
+
+    discard = 0.0  # no field: there is no start to forget
+    # Particles begin where the posterior is. In one τ, those that were copied from one another have separated.
+    needed_length: ClassVar[float] = 1.0
+    starts_elsewhere: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        counts = {"particles": 4, "ensembles": 1, "steps": 1, "least_moves": 1, "most_moves": 1, "scouts": 0}
+        for name, least in counts.items():
+            value = getattr(self, name)
+            if not (isinstance(value, (int, np.integer)) and value >= least):
+                raise InputError(f"SMC.{name}", f"{value!r}", f"a whole number, {least} or more")
+        if self.particles % 2:
+            raise InputError("SMC.particles", f"{self.particles}", "an even number: a population moves in two halves")
+        for name in ("effective_share", "correlation"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise InputError(f"SMC.{name}", f"{getattr(self, name)}", "a fraction between 0 and 1")
+        for name in ("independent", "differential_evolution"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise InputError(f"SMC.{name}", f"{getattr(self, name)}", "a fraction from 0 to 1")
+        if not self.stretch > 1.0:
+            raise InputError("SMC.stretch", f"{self.stretch}", "a number above 1")
+
+    @property
+    def walkers(self) -> int:
+        """Particles of a population."""
+        return self.particles
+
+    def describe(self) -> dict[str, float | str]:
+        """Settings that decide the draws: all but the number of kept steps.
+
+        Returns
+        -------
+        dict
+            For hashes; more steps continue the same particles.
+        """
+        return {"kind": "smc", **{k: v for k, v in asdict(self).items() if k != "steps"}}
+
+    def evaluations(self, dimension: int) -> int:
+        """Densities that will be evaluated, about; see `Sampler.evaluations`.
+
+        Parameters
+        ----------
+        dimension : int
+            Number of parameters.
+
+        Returns
+        -------
+        int
+            In the tempering, which takes longer in more dimensions, in the search for modes, and at β = 1.
+        """
+        # Stages are the more the larger the share that is left, and moves the more the smaller the correlation must become.
+        longer = np.log(self.correlation) / np.log(self.effective_share)
+        tempering = dimension * min(EVALUATIONS[0] * dimension, EVALUATIONS[1]) * longer
+        return int(self.ensembles * self.particles * (tempering + self.scouts * (15 + dimension) + self.steps))
+
+    @property
+    def in_words(self) -> str:
+        """The settings in a line, for a report."""
+        return (
+            f"tempered SMC, {self.ensembles} populations × {self.particles} particles, {self.steps} moves of the posterior, "
+            f"{self.independent:.0%} independence moves, {self.differential_evolution:.0%} of the others differential evolution"
+        )
+
+    def run(
+        self,
+        target: Target,
+        seed: int,
+        start: np.ndarray | None,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None = None,
+    ) -> Drawn:
+        """Draw; see `Sampler.run`.
+
+        Parameters
+        ----------
+        target : Target
+            What to sample; it must know its prior.
+        seed : int
+            Seed.
+        start : ndarray or None
+            Not taken: particles start from the prior, or the evidence would be wrong.
+        blocks : list of dict
+            What is already on disk.
+        keep : callable
+            Puts a block on disk.
+        progress : callable, optional
+            Called with the percentage done and 100.
+
+        Returns
+        -------
+        Drawn
+            The draws at β = 1.
+        """
+        self._refuse(target, start)
+        blocks = _without_cut_off(blocks, self.steps)
+        self._to_the_posterior(target, seed, blocks, keep, progress)
+        if self._may_have_lost(blocks):
+            reference = self._around_lost_modes(target, seed, blocks)
+            if reference is not None:
+                self._to_the_posterior(reference, seed, blocks, keep, progress, again=True)
+        self._in_the_posterior(target, seed, blocks, keep, progress)
+        return self._drawn(blocks)
+
+    def _refuse(self, target: Target, start: np.ndarray | None) -> None:
+        """Refuse what these particles cannot do."""
+        if start is not None:
+            raise InputError(
+                "sample(start)", "points to start from, for SMC", "none: its particles start from the prior"
+            )
+        if self.particles < 2 * target.dimension:
+            raise InputError(
+                "SMC.particles",
+                f"{self.particles} for {target.dimension} parameters",
+                f"{2 * target.dimension} or more: a population must span the space",
+            )
+
+    def _to_the_posterior(
+        self,
+        target: Target,
+        seed: int,
+        blocks: list[Block],
+        keep: Keep,
+        progress: Progress | None,
+        again: bool = False,
+    ) -> None:
+        """Append a block for each stage until β = 1; `again` for a second tempering, which begins elsewhere."""
+        temperings, _ = _divided(blocks)
+        if len(temperings) <= again:
+            population = starting_population(self, target, seed, int(again))
+            self._append(block_of([population], [], []), blocks, keep)
+        population, first = Population.of(blocks[-1]), len(_divided(blocks)[0][0]) if again else 0
+        while population.exponent < 1.0 and len(_divided(blocks)[0]) == 1 + again:
+            number = len(blocks)
+            if number - first == MOST_STAGES:
+                raise ConvergenceError(
+                    f"The tempering has reached the exponent {population.exponent:.2g} after {MOST_STAGES} stages. Check the "
+                    "likelihood: it is finite almost nowhere, or far too narrow for these particles."
+                )
+            population, block = run_stage(self, target, population, stream(seed, Purpose.SMC_STAGE, number))
+            self._append(block, blocks, keep)
+            if progress is not None:
+                progress(int(50 * min(1.0, max(0.0, 1 + np.log10(population.exponent) / 6))), 100)
+
+    @staticmethod
+    def _append(block: Block, blocks: list[Block], keep: Keep) -> None:
+        """Put a block on disk and among the others."""
+        keep(len(blocks), block)
+        blocks.append(block)
+
+    def _may_have_lost(self, blocks: list[Block]) -> bool:
+        """Whether lost modes are still to be searched for: after the first tempering, and while a second is under way."""
+        temperings, moves = _divided(blocks)
+        return self.scouts > 0 and not moves and (len(temperings) == 1 or temperings[1][-1]["exponent"][-1] < 1.0)
+
+    def _around_lost_modes(self, target: Target, seed: int, blocks: list[Block]) -> FromReference | None:
+        """A law around known and lost modes to begin from again; None if none of any weight is lost."""
+        stages, _ = _divided(blocks)
+        end = Population.of(stages[0][-1])
+        scouts = target.initial(self.scouts * self.ensembles * self.particles, stream(seed, Purpose.SMC_SCOUTS))
+        particles = end.phi.reshape(-1, target.dimension), end.log_density.ravel()
+        least = _evidence(stages[0]).value + np.log(NEGLIGIBLE)
+        modes = [mode for mode in lost_modes(target, *particles, scouts) if mode.log_mass > least]
+        return FromReference(target, EnsembleState(end.phi, end.log_density), modes) if modes else None
+
+    def _in_the_posterior(
+        self, target: Target, seed: int, blocks: list[Block], keep: Keep, progress: Progress | None
+    ) -> None:
+        """Append the blocks of the moves at β = 1."""
+        temperings, moves = _divided(blocks)
+        population = Population.of(moves[-1] if moves else _fullest(temperings)[0][-1])
+        for index, length in enumerate(block_lengths(self.steps)):
+            if index < len(moves):
+                continue
+            population, block = run_moves(self, target, population, stream(seed, Purpose.SMC_MOVES, index), length)
+            self._append(block, blocks, keep)
+            if progress is not None:
+                progress(50 + 50 * min((index + 1) * BLOCK_STEPS, self.steps) // self.steps, 100)
+
+    def _drawn(self, blocks: list[Block]) -> Drawn:
+        """Draws at β = 1, and the evidence."""
+        temperings, moves = _divided(blocks)
+        kept = joined(moves, self.steps)
+        evidence = replace(
+            _fullest(temperings)[1],
+            smallest_basin=3.0 / (self.scouts * self.ensembles * self.particles) if self.scouts else float("nan"),
+            at_rest=not still_moving(np.concatenate([kept["phi"], kept["log_density"][..., None]], axis=-1)),
+        )
+        failed = int(sum(b["failed"].sum() for b in blocks))
+        return Drawn(kept["phi"], kept["log_density"], kept["accepted"], failed, evidence)
+
+
+def _divided(blocks: list[Block]) -> tuple[list[list[Block]], list[Block]]:
+    """The blocks of each tempering, which begins at β = 0, and those of the moves at β = 1 that follow the last."""
+    temperings: list[list[Block]] = []
+    for place, block in enumerate(blocks):
+        if block["exponent"][0] == 0.0:
+            temperings.append([])
+        elif blocks[place - 1]["exponent"][-1] == 1.0:
+            return temperings, blocks[place:]
+        temperings[-1].append(block)
+    return temperings, []
+
+
+def _evidence(stages: list[Block]) -> Evidence:
+    """Evidence of a tempering."""
+    arrays = (np.concatenate([b[name] for b in stages]) for name in ("rise", "left"))
+    return evidence_of([Population.of(b) for b in stages], *arrays)
+
+
+def _fullest(temperings: list[list[Block]]) -> tuple[list[Block], Evidence]:
+    """The tempering to believe: the second if it has found more than the first, for what is lost is lacking in the evidence."""
+    found = [(stages, _evidence(stages)) for stages in temperings]
+    first, last = found[0], found[-1]
+    more, error = last[1] - first[1]
+    return last if more > MORE_BY * error else first
+
+
+def _without_cut_off(blocks: list[Block], steps: int) -> list[Block]:
+    """The blocks of the stages, and those of the later moves that a run of this many steps completes."""
+    temperings, moves = _divided(blocks)
+    return [b for stages in temperings for b in stages] + without_cut_off(moves, list(block_lengths(steps)))

@@ -1,0 +1,364 @@
+"""Particles at one exponent of the likelihood: drawn from the prior, weighted, resampled and moved."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+import scipy
+from scipy.special import logsumexp
+
+from structid.core.errors import ConvergenceError
+from structid.core.streams import Purpose, stream
+from structid.inference.sampling.base import Block, correlation
+from structid.inference.sampling.moves import EnsembleState, Moves, halves
+from structid.inference.target import Target
+
+
+class PopulationSettings(Protocol):
+    """How a population of particles is drawn and moved; see `SMC`."""
+
+    @property
+    def ensembles(self) -> int:
+        """Independent populations."""
+
+    @property
+    def particles(self) -> int:
+        """Particles of each."""
+
+    @property
+    def effective_share(self) -> float:
+        """Share of the particles that the weights of a stage leave effective."""
+
+    @property
+    def correlation(self) -> float:
+        """Particles move in a stage until their correlation with where it began is no larger than this."""
+
+    @property
+    def least_moves(self) -> int:
+        """Smallest number of moves in a stage."""
+
+    @property
+    def most_moves(self) -> int:
+        """Largest number of moves in a stage."""
+
+    @property
+    def stretch(self) -> float:
+        """Stretch of the stretch move, its a."""
+
+    @property
+    def independent(self) -> float:
+        """Fraction of the moves that are independence moves."""
+
+    @property
+    def differential_evolution(self) -> float:
+        """Fraction of the others that are differential-evolution moves."""
+
+
+LEAST_LIKELIHOOD = -1e60
+"""Least log-likelihood of a particle that has one at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Particles at one exponent.
+
+    Parameters
+    ----------
+    phi : ndarray, shape (ensemble, particle, parameter)
+        Unconstrained coordinates.
+    prior, likelihood : ndarray, shape (ensemble, particle)
+        Log densities there, the prior's with respect to φ.
+    exponent : float
+        β.
+    """
+
+    phi: np.ndarray
+    prior: np.ndarray
+    likelihood: np.ndarray
+    exponent: float
+
+    @property
+    def log_density(self) -> np.ndarray:
+        """Log π₀ L^β, shape (ensemble, particle)."""
+        return tempered(self.prior, self.likelihood, self.exponent)
+
+    @classmethod
+    def of(cls, block: Block) -> Population:
+        """Particles at the end of a block.
+
+        Parameters
+        ----------
+        block : dict
+            As `run_stage` and `run_moves` make it.
+
+        Returns
+        -------
+        Population
+            Where to go on.
+        """
+        last = {name: array[-1] for name, array in block.items()}
+        return cls(last["phi"], last["prior"], last["likelihood"], float(last["exponent"]))
+
+
+def tempered(prior: np.ndarray, likelihood: np.ndarray, exponent: float) -> np.ndarray:
+    """Log π₀ L^β; at β = 0 a likelihood of −inf does not count.
+
+    Parameters
+    ----------
+    prior, likelihood : ndarray
+        Log densities.
+    exponent : float
+        β.
+
+    Returns
+    -------
+    ndarray
+        Log density.
+    """
+    return prior + exponent * likelihood if exponent > 0.0 else prior
+
+
+def starting_population(settings: PopulationSettings, target: Target, seed: int, index: int = 0) -> Population:
+    """Draw particles from the prior, or from what stands in its place.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How many.
+    target : Target
+        With the prior.
+    seed : int
+        Seed.
+    index : int
+        0 for the first start, 1 for a second.
+
+    Returns
+    -------
+    Population
+        At β = 0.
+    """
+    shape = (settings.ensembles, settings.particles)
+    phi = target.initial(settings.ensembles * settings.particles, stream(seed, Purpose.SMC_START, index))
+    prior, likelihood, _ = _evaluated(target, phi)
+    if np.isfinite(likelihood).sum() < 2 * target.dimension:
+        raise ConvergenceError(
+            f"Only {np.isfinite(likelihood).sum()} of {len(phi)} draws of the prior have a likelihood. Check the priors: most of "
+            "what they allow cannot be simulated."
+        )
+    return Population(phi.reshape(*shape, -1), prior.reshape(shape), likelihood.reshape(shape), 0.0)
+
+
+def _evaluated(target: Target, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Log prior, log-likelihood and failure; a log-likelihood whose moments float64 cannot hold is `LEAST_LIKELIHOOD`."""
+    prior, likelihood, failed = target.evaluate_parts(phi)
+    return prior, np.where(likelihood > -np.inf, np.maximum(likelihood, LEAST_LIKELIHOOD), -np.inf), failed
+
+
+def run_stage(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
+) -> tuple[Population, Block]:
+    """Raise the exponent: weight, resample, move.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How far, and how.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    tuple of Population and dict
+        After, and its block of one step.
+    """
+    exponent = next_exponent(population.likelihood, population.exponent, settings.effective_share)
+    log_weights = (exponent - population.exponent) * population.likelihood
+    weights = np.exp(log_weights - logsumexp(log_weights, axis=1, keepdims=True))
+    rows = np.stack([_systematic(w, rng) for w in weights])
+    drawn = replace(
+        population,
+        phi=np.take_along_axis(population.phi, rows[:, :, None], axis=1),
+        prior=np.take_along_axis(population.prior, rows, axis=1),
+        likelihood=np.take_along_axis(population.likelihood, rows, axis=1),
+        exponent=exponent,
+    )
+    moved, accepted, failed = drawn, np.zeros(rows.shape, dtype=bool), 0
+    passed = [drawn.likelihood]
+    for count in range(1, settings.most_moves + 1):
+        moved, accepted, more = move(settings, target, moved, rng)
+        failed += more
+        passed.append(moved.likelihood)
+        left = correlation(*(np.dstack([p.phi, p.likelihood]) for p in (drawn, moved)))
+        if count >= settings.least_moves and left < settings.correlation and _at_rest(passed):
+            break
+    rise = (moved.likelihood - drawn.likelihood).mean(axis=1)
+    return moved, block_of([moved], [accepted], [failed], rise, left)
+
+
+def _at_rest(passed: list[np.ndarray]) -> bool:
+    """Whether the mean log-likelihood has stayed level, within two errors, over the later half of the moves so far."""
+    change = passed[-1] - passed[len(passed) // 2]
+    return bool(abs(change.mean()) <= 2.0 * change.std() / np.sqrt(change.size))
+
+
+def run_moves(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator, steps: int
+) -> tuple[Population, Block]:
+    """Move particles at a constant exponent.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        How.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+    steps : int
+        How often.
+
+    Returns
+    -------
+    tuple of Population and dict
+        After, and the block of all steps.
+    """
+    history, accepted, failed = [], [], []
+    for _ in range(steps):
+        population, moved, lost = move(settings, target, population, rng)
+        history.append(population)
+        accepted.append(moved)
+        failed.append(lost)
+    return population, block_of(history, accepted, failed)
+
+
+def move(
+    settings: PopulationSettings, target: Target, population: Population, rng: np.random.Generator
+) -> tuple[Population, np.ndarray, int]:
+    """Move every particle once: one half of each population, then the other.
+
+    Parameters
+    ----------
+    settings : PopulationSettings
+        Which moves.
+    target : Target
+        What is sampled.
+    population : Population
+        Before.
+    rng : numpy.random.Generator
+        Source of randomness.
+
+    Returns
+    -------
+    tuple of Population, ndarray of bool (ensemble, particle), int
+        After, which moved, and how many simulations failed.
+    """
+    phi, prior, likelihood = (a.copy() for a in (population.phi, population.prior, population.likelihood))
+    moves = Moves(settings.stretch, settings.differential_evolution, settings.independent)
+    failed_simulations = 0
+    accepted = np.zeros(prior.shape, dtype=bool)
+    for moving, resting in halves(settings.particles):
+        now = tempered(prior, likelihood, population.exponent)
+        proposal, log_factor = moves.propose(
+            rng, moves.kind(rng), phi[:, moving], EnsembleState(phi, now).part(resting)
+        )
+        parts = _evaluated(target, proposal.reshape(-1, phi.shape[2]))
+        new_prior, new_likelihood = (p.reshape(log_factor.shape) for p in parts[:2])
+        failed_simulations += int(parts[2].sum())
+        then = tempered(new_prior, new_likelihood, population.exponent)
+        better = np.log(rng.random(log_factor.shape)) < log_factor + then - now[:, moving]
+        phi[:, moving][better] = proposal[better]
+        prior[:, moving][better] = new_prior[better]
+        likelihood[:, moving][better] = new_likelihood[better]
+        accepted[:, moving] = better
+    return replace(population, phi=phi, prior=prior, likelihood=likelihood), accepted, failed_simulations
+
+
+def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> float:
+    """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw².
+
+    Parameters
+    ----------
+    likelihood : ndarray, shape (ensemble, particle)
+        Log-likelihoods.
+    exponent : float
+        The present one.
+    share : float
+        Of the particles.
+
+    Returns
+    -------
+    float
+        At most 1.
+    """
+    # Particles of zero likelihood are lost at the smallest step; no choice of exponent can save them.
+    with np.errstate(over="ignore"):
+        below_best = likelihood - likelihood.max(axis=1, keepdims=True)
+    usable = int(np.isfinite(below_best).sum())
+    below_best = np.where(np.isfinite(below_best), below_best, -np.inf)
+
+    def lacking(log_increment: float) -> float:
+        with np.errstate(invalid="ignore"):
+            weights = np.where(below_best > -np.inf, np.exp(np.exp(log_increment) * below_best), 0.0)
+        # The mean over the populations: none of them decides alone.
+        size = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)
+        return float(np.log(size.sum() / (usable * share)))
+
+    largest = np.log(1.0 - exponent)
+    if lacking(largest) >= 0.0:
+        return 1.0
+    smallest = largest
+    while lacking(smallest) < 0.0:
+        smallest -= 5.0
+    return float(exponent + np.exp(scipy.optimize.brentq(lacking, smallest, largest, xtol=1e-6)))
+
+
+def _systematic(weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Rows drawn with given probabilities, each as often as expected up to rounding."""
+    places = (rng.random() + np.arange(len(weights))) / len(weights)
+    return np.minimum(np.searchsorted(np.cumsum(weights), places), len(weights) - 1)
+
+
+def block_of(
+    populations: list[Population],
+    accepted: list[np.ndarray],
+    failed: list[int],
+    rise: np.ndarray | None = None,
+    left: float = 0.0,
+) -> Block:
+    """Make a block of some steps.
+
+    Parameters
+    ----------
+    populations : list of Population
+        After each step.
+    accepted : list of ndarray of bool, shape (ensemble, particle)
+        Which moved in each.
+    failed : list of int
+        Simulations that failed in each.
+    rise : ndarray, shape (ensemble,), optional
+        Of a stage: how far its mean log-likelihoods rose.
+    left : float
+        Of a stage: the correlation left with where it began.
+
+    Returns
+    -------
+    dict
+        Arrays with a leading step axis.
+    """
+    several = ("phi", "prior", "likelihood", "log_density", "exponent")
+    block = {name: np.stack([np.asarray(getattr(p, name)) for p in populations]) for name in several}
+    moved = np.stack(accepted) if accepted else np.zeros(block["prior"].shape, dtype=bool)
+    return block | {
+        "accepted": moved,
+        "failed": np.array(failed) if failed else np.zeros(len(populations), dtype=int),
+        "rise": np.zeros(block["prior"].shape[:2]) if rise is None else rise[None],
+        "left": np.full(len(populations), left),
+    }

@@ -1,0 +1,39 @@
+"""Starting points for chains that cannot find a posterior from its prior: draws of the tempered posterior."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.inference.sampling.base import Block
+from structid.inference.sampling.smc.smc import SMC
+from structid.inference.sampling.smc.tempering import Population
+from structid.inference.target import Target
+
+EXPLORER = SMC(particles=250, ensembles=4, steps=10, effective_share=0.5, correlation=0.5, scouts=0)
+"""Finds where a posterior is, starting from the prior, in stages."""
+START_EXPONENT = 0.5
+"""Of the likelihood. The draws are wider than the posterior, so that R-hat has something to find."""
+
+
+def tempered_draws(target: Target, seed: int, explorer: SMC = EXPLORER) -> np.ndarray:
+    """Draw from prior × likelihood^½.
+
+    Parameters
+    ----------
+    target : Target
+        It must know its prior.
+    seed : int
+        Seed.
+    explorer : SMC
+        Particles and moves.
+
+    Returns
+    -------
+    ndarray, shape (particle, parameter)
+        In unconstrained coordinates.
+    """
+    blocks: list[Block] = []
+    explorer.run(target, seed, None, [], lambda _index, block: blocks.append(block))
+    stages = [Population.of(block) for block in blocks]
+    nearest = min(stages, key=lambda p: abs(p.exponent - START_EXPONENT))
+    return nearest.phi.reshape(-1, target.dimension)

@@ -1,0 +1,120 @@
+"""A density in the unconstrained coordinates of another one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.hashing import digest
+from structid.inference.target import Target
+from structid.probability.bijections import Bijection
+
+
+class InCoordinates(Target):
+    """A density in the unconstrained coordinates of another target of the same parameters.
+
+    Two targets whose parameters have other bounds, or other scales, map the same φ to different θ. A sampler that uses both
+    at once needs them in one φ. With φ′ the density's own coordinates of θ(φ): log π(φ) = log π(φ′) + log |dφ′/dφ|.
+
+    Parameters
+    ----------
+    density : Target
+        The density.
+    bijection : Bijection
+        Of the other target.
+    """
+
+    def __init__(self, density: Target, bijection: Bijection) -> None:
+        self.density, self.bijection, self.names = density, bijection, density.names
+
+    @property
+    def knows_prior(self) -> bool:
+        """Whether the density knows its own."""
+        return self.density.knows_prior
+
+    @property
+    def costs_runs(self) -> bool:
+        """Whether each of the density's evaluations is a run of an expensive solver."""
+        return self.density.costs_runs
+
+    def _own(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The density's own coordinates φ′, NaN outside its support, and log |dφ′/dφ|."""
+        theta, jacobian = self.bijection(phi)
+        own = self.density.bijection.inverse(theta)
+        return own, jacobian - self.density.bijection(own)[1]
+
+    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Log density; see `Target.evaluate`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates of the other target.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log density with respect to them, and where a simulation failed.
+        """
+        own, jacobian = self._own(phi)
+        value, failed = self.density.evaluate(own)
+        return _or_none(value + jacobian), failed
+
+    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Log prior and log-likelihood; see `Target.evaluate_parts`.
+
+        Parameters
+        ----------
+        phi : ndarray, shape (run, parameter)
+            Unconstrained coordinates of the other target.
+
+        Returns
+        -------
+        tuple of ndarray, shape (run,)
+            Log prior with respect to them, log-likelihood, and where a simulation failed.
+        """
+        own, jacobian = self._own(phi)
+        prior, likelihood, failed = self.density.evaluate_parts(own)
+        return _or_none(prior + jacobian), _or_none(likelihood), failed
+
+    def log_density(self, theta: np.ndarray) -> np.ndarray:
+        """Log density with respect to the parameters; see `Target.log_density`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI.
+
+        Returns
+        -------
+        ndarray, shape (run,)
+            Whatever the coordinates.
+        """
+        return self.density.log_density(theta)
+
+    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Draw starting points; see `Target.initial`.
+
+        Parameters
+        ----------
+        count : int
+            How many.
+        rng : numpy.random.Generator
+            Source of randomness.
+
+        Returns
+        -------
+        ndarray, shape (count, parameter)
+            In unconstrained coordinates of the other target.
+        """
+        return self.bijection.inverse(self.density.bijection(self.density.initial(count, rng))[0])
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of the density and of the coordinates."""
+        own = self.bijection
+        return digest(self.density.content_hash, own.bounds, own.scales, own.scatters, own.logarithmic)
+
+
+def _or_none(log_density: np.ndarray) -> np.ndarray:
+    """The same with no density, −inf, where it is not defined."""
+    return np.where(np.isnan(log_density), -np.inf, log_density)

@@ -1,0 +1,1 @@
+"""Validation: simulation-based calibration, and checks of a measurement against a model."""

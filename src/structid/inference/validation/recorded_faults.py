@@ -1,0 +1,209 @@
+"""What a recorded history shows by itself: an offset, a gap of zeros, a range that was too small, a column of times."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from structid.core.channels import ChannelUnit, base_channel
+from structid.core.units import factor
+from structid.ground_motion.excitation import Excitation
+from structid.observation import Observation
+
+OFFSET = 2.0
+"""Mean of a measurement over its standard deviation, beyond which it is likely to have an offset."""
+
+OFFSET_OF_RATES = 0.5
+"""The same for velocities and accelerations, whose mean over a record is nearly zero for a structure that stays where it is."""
+
+RATES = ("velocity", "relative_acceleration", "absolute_acceleration")
+"""Such channels."""
+
+OFFSET_AT_REST = 0.02
+"""The same of its mean before anything moves, over its peak: a zero that was not taken."""
+
+QUIET = 0.01
+"""Share of its peak below which a record has not begun."""
+
+STANDARD_ERRORS = 5.0
+"""Of a mean at rest, beyond which it is not the noise."""
+
+SHORTEST_REST = 0.5
+"""Time before a record begins [s] that says what an instrument shows at rest."""
+
+SHORTEST_GAP = 1.0
+"""Time in exact zeros [s] that no sensor shows by itself while it moves."""
+
+MOVING = 0.1
+"""Share of its peak that a history reaches within `SHORTEST_GAP` of a gap. After a quiet end, zeros are no gap."""
+
+STRAIGHT = 1e-4
+"""Largest distance from a straight line, in parts of the range, of what is no measurement."""
+
+FEWEST = 20
+"""Samples that a statement needs."""
+
+CLIPPED = 3
+"""Samples in a row at the extreme value that make a flat top, and steps of the resolution by which a history rises to it."""
+
+ONE_SIDED = 0.5
+"""Share of the peak that an extreme value reaches, if it may be the end of a range and not the zero of a history of one sign."""
+
+
+def questions_of_the_measurement(observation: Observation, units: Mapping[str, ChannelUnit]) -> list[str]:
+    """Ask about what the measured histories show by themselves, without a model.
+
+    Parameters
+    ----------
+    observation : Observation
+        What was measured.
+    units : mapping of str to ChannelUnit
+        Of the channels.
+
+    Returns
+    -------
+    list of str
+        A sentence for each likely fault.
+    """
+    asked = []
+    for channel, values in zip(observation.channels, observation.values.T, strict=True):
+        unit = units[channel].display
+        found = [_constant(channel, values, unit) or _straight(channel, values)]
+        if not found[0]:
+            found += [
+                _offset(channel, values, unit, observation),
+                gap(f"measured {channel}", values, observation.record.dt),
+                clipped(f"measured {channel}", values, unit),
+            ]
+        asked += [sentence for sentence in found if sentence]
+    return asked
+
+
+def gap(name: str, values: np.ndarray, dt: float) -> str:
+    """Ask about a second of exact zeros amid motion.
+
+    Parameters
+    ----------
+    name : str
+        Of the history.
+    values : ndarray, shape (time,)
+        The history.
+    dt : float
+        Its time step [s].
+
+    Returns
+    -------
+    str
+        A sentence, empty where there is no gap.
+    """
+    near = max(int(np.ceil(SHORTEST_GAP / dt)), FEWEST)
+    peak = np.abs(values).max()
+    for begin, end in _stretches(values == 0.0):
+        around = np.concatenate([values[max(begin - near, 0) : begin], values[end : end + near]])
+        if begin > 0 and end - begin >= near and np.abs(around).max() > MOVING * peak:
+            return (
+                f"The {name} is exactly zero from {begin * dt:.4g} s to {(end - 1) * dt:.4g} s, next to motion. Did the "
+                "recorder lose these values? Then cut the record and the measurement there."
+            )
+    return ""
+
+
+def clipped(name: str, values: np.ndarray, unit: str) -> str:
+    """Ask about flat tops at the largest or the smallest value, which a range that is too small cuts.
+
+    Parameters
+    ----------
+    name : str
+        Of the history.
+    values : ndarray, shape (time,)
+        The history in SI.
+    unit : str
+        In which it is shown.
+
+    Returns
+    -------
+    str
+        A sentence, empty where nothing is cut.
+    """
+    steps = np.abs(np.diff(values))
+    if not steps.any():
+        return ""
+    resolution = steps[steps > 0.0].min()
+    for extreme in (values.max(), values.min()):
+        if abs(extreme) < ONE_SIDED * np.abs(values).max():
+            continue
+        tops = [
+            end - begin
+            for begin, end in _stretches(values == extreme)
+            if end - begin >= CLIPPED
+            and begin > 0
+            and end < len(values)
+            # A smooth peak is flat too where the resolution is coarse, but then it is reached by single steps of that.
+            and min(steps[begin - 1], steps[end - 1]) > CLIPPED * resolution
+        ]
+        if tops:
+            return (
+                f"The {name} stays at its extreme value {extreme / factor(unit):.4g} {unit} for up to {max(tops)} samples, "
+                f"{'once' if len(tops) == 1 else f'{len(tops)} times'}. Was the instrument at the end of its range? What is cut "
+                "cannot be calibrated to."
+            )
+    return ""
+
+
+def _constant(channel: str, values: np.ndarray, unit: str) -> str:
+    """A history that never changes is of no sensor that works."""
+    if len(values) < FEWEST or np.ptp(values) > 0.0:
+        return ""
+    return f"The measured {channel} is {values[0] / factor(unit):.3g} {unit} throughout. Was the sensor dead?"
+
+
+def _straight(channel: str, values: np.ndarray) -> str:
+    """A straight line is no response."""
+    times = np.arange(len(values))
+    if len(values) < FEWEST:
+        return ""
+    slope, start = np.polyfit(times, values, 1)
+    if np.abs(values - start - slope * times).max() > STRAIGHT * np.ptp(values):
+        return ""
+    return (
+        f"The measured {channel} is a straight line from {values[0]:.4g} to {values[-1]:.4g} in SI. Is it the column of the times? "
+        "'column' says which one is meant; the first is 0."
+    )
+
+
+def _offset(channel: str, values: np.ndarray, unit: str, observation: Observation) -> str:
+    """A mean that is large beside the motion, or that is there before anything moves."""
+    if observation.offset is not None:
+        return ""
+    mean, spread = float(values.mean()), float(values.std())
+    cure = "Is it an offset of the instrument? Then give 'offset' a prior, or take it out."
+    if abs(mean) > (OFFSET_OF_RATES if base_channel(channel) in RATES else OFFSET) * spread:
+        return (
+            f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit}, {abs(mean) / spread:.1f} "
+            f"times its standard deviation. {cure}"
+        )
+    at_rest = values[: _begin(observation.record)]
+    if len(at_rest) < max(FEWEST, SHORTEST_REST / observation.record.dt):
+        return ""
+    mean, peak = float(at_rest.mean()), float(np.abs(values).max())
+    error = float(at_rest.std()) / np.sqrt(len(at_rest))
+    if abs(mean) <= max(OFFSET_AT_REST * peak, STANDARD_ERRORS * error):
+        return ""
+    rest = len(at_rest) * observation.record.dt
+    return (
+        f"The measured {channel} has a mean of {mean / factor(unit):.3g} {unit} in the {rest:.3g} s before the record begins, "
+        f"{abs(mean) / peak:.0%} of its peak. {cure}"
+    )
+
+
+def _begin(record: Excitation) -> int:
+    """Samples before an excitation first reaches a share of its peak; 0 for one that is zero everywhere."""
+    size = np.abs(record.values)
+    return int(np.argmax(size > QUIET * size.max())) if size.any() else 0
+
+
+def _stretches(true: np.ndarray) -> list[tuple[int, int]]:
+    """Begin and end (exclusive) of each stretch of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(int)))
+    return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]

@@ -1,0 +1,211 @@
+"""Model and measurement side by side: a wrong unit, a reversed sign or a late clock shows before any long run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+
+from structid.core.channels import ChannelUnit
+from structid.core.units import factor
+from structid.ground_motion.excitation import Excitation
+from structid.inference.prediction.best_prediction import comparable
+from structid.observation import Observation
+
+OUT_OF_TUNE = 3.0
+"""The same of main frequencies: nine times the stiffness, or the mass."""
+
+SHARED = 0.1
+"""Share of its largest amplitude that a spectrum has near the other's main frequency, if both have modes in common."""
+
+FEWEST_CYCLES = 3
+"""In the whole history, below which it is no vibration but a drift, such as that to a residual displacement."""
+
+NEAR = 0.2
+"""Half the width of what is near a frequency, in parts of it."""
+
+OPPOSITE = -0.6
+"""Correlation of model and measurement, below which a sign is likely to be reversed."""
+
+ALIKE, UNLIKE = 0.7, 0.5
+"""Correlation after a shift in time above which it is likely to be real, if without it there is less than this share of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SideBySide:
+    """One channel of a response as the model has it, and as it was measured.
+
+    Parameters
+    ----------
+    channel, unit : str
+        Its name and display unit.
+    modelled, measured : ndarray, shape (time,)
+        Both histories, in SI, the first one as the instrument would show it.
+    observation : Observation
+        That it was measured in.
+    """
+
+    channel: str
+    unit: str
+    modelled: np.ndarray
+    measured: np.ndarray
+    observation: Observation
+
+    @classmethod
+    def of(
+        cls, response: Mapping[str, np.ndarray], units: Mapping[str, ChannelUnit], observation: Observation
+    ) -> tuple[SideBySide, ...]:
+        """Put a response beside an observation, channel by channel.
+
+        Parameters
+        ----------
+        response : mapping of str to ndarray, shape (time,)
+            Histories of the model's channels in SI, on the observation's record.
+        units : mapping of str to ChannelUnit
+            Of the same.
+        observation : Observation
+            What was measured. An instrument shows the response times the gain, of which the median is taken here.
+
+        Returns
+        -------
+        tuple of SideBySide
+            One for each measured channel.
+        """
+        gain = 1.0 if observation.gain is None else float(observation.gain.quantile(np.array([0.5]))[0])
+        return tuple(
+            cls(channel, units[channel].display, gain * response[channel], observation.values[:, i], observation)
+            for i, channel in enumerate(observation.channels)
+        )
+
+    @property
+    def record(self) -> Excitation:
+        """What drove both."""
+        return self.observation.record
+
+    @property
+    def _peaks(self) -> list[float]:
+        return [float(np.abs(values).max()) for values in (self.modelled, self.measured)]
+
+    @property
+    def _frequencies(self) -> list[float]:
+        return [_main_frequency(values, self.record.dt) for values in (self.modelled, self.measured)]
+
+    @property
+    def sentence(self) -> str:
+        """Peaks and main frequencies of both, after an article."""
+        shown = [
+            f"{peak / factor(self.unit):.3g} {self.unit} (mainly at {frequency:.2g} Hz)"
+            for peak, frequency in zip(self._peaks, self._frequencies, strict=True)
+        ]
+        return f"model's {self.channel} reaches {shown[0]}, the measured one {shown[1]}."
+
+    @property
+    def questions(self) -> dict[str, str]:
+        """What does not fit, a sentence for each kind: size, frequency, sign, clock."""
+        asked = {
+            "size": self._of_size,
+            "frequency": self._of_frequency,
+            "sign": self._of_sign,
+            "clock": self._of_clock,
+        }
+        return {kind: sentence for kind, sentence in asked.items() if sentence}
+
+    @property
+    def _of_size(self) -> str:
+        if comparable(*self._peaks):
+            return ""
+        return (
+            f"The {self.channel} of the model is {self._peaks[0] / self._peaks[1]:.2g} times the measured one. Are all units "
+            "right, and a number without a unit in SI?"
+        )
+
+    @property
+    def _of_frequency(self) -> str:
+        """Whether the main frequencies differ, and neither is one of the other's: a drift and a higher mode are in both."""
+        modelled, measured = self._frequencies
+        low, high = sorted((modelled, measured))
+        if high <= OUT_OF_TUNE * max(low, 1.0 / (self.record.dt * len(self.measured))):
+            return ""
+        shares = [
+            _share_near(values, self.record.dt, frequency)
+            for values, frequency in ((self.modelled, measured), (self.measured, modelled))
+        ]
+        if max(shares) > SHARED:
+            return ""
+        return (
+            f"The model's {self.channel} is mainly at {modelled:.2g} Hz, the measured one at {measured:.2g} "
+            "Hz. Are mass and stiffness in the units you mean?"
+        )
+
+    @property
+    def _sign_known(self) -> bool:
+        """Whether the gain's prior has one sign."""
+        gain = self.observation.gain
+        return gain is None or float(gain.cdf(np.zeros(1))[0]) in (0.0, 1.0)
+
+    @property
+    def _together(self) -> float:
+        """Correlation of both; 0 where one rests."""
+        moving = bool(self.measured.std() and self.modelled.std())
+        return float(np.corrcoef(self.modelled, self.measured)[0, 1]) if moving else 0.0
+
+    @property
+    def _of_sign(self) -> str:
+        together = self._together
+        if together >= OPPOSITE or not self._sign_known:
+            return ""
+        return (
+            f"Model and measured {self.channel} correlate by {together:.2f}: nearly the same with the sign reversed. Is "
+            "the instrument's positive direction that of the record? If not, a gain of -1 turns it."
+        )
+
+    @property
+    def _of_clock(self) -> str:
+        """Whether model and measurement are alike after a shift in time, and not without; a reversed sign is no shift."""
+        if self._together < OPPOSITE:
+            return ""
+        shift, shifted, together = _best_shift(self.modelled, self.measured)
+        if self.observation.time_shift is not None or shifted < ALIKE or together > UNLIKE * shifted:
+            return ""
+        seconds = shift * self.record.dt
+        return (
+            f"Model and measured {self.channel} correlate by {together:.2f}, and by {shifted:.2f} if the measured one is moved "
+            f"{abs(seconds):.3g} s {'back' if seconds > 0 else 'ahead'}. Does its clock begin with the record's? If not, "
+            f"'time_shift' says what it shows then: {abs(seconds):.3g} s {'more' if seconds > 0 else 'less'} than now, or a prior "
+            "about that."
+        )
+
+
+def _best_shift(modelled: np.ndarray, measured: np.ndarray) -> tuple[int, float, float]:
+    """Samples by which the measurement is late where both are most alike, their correlation there, and without a shift."""
+    first, second = (values - values.mean() for values in (modelled, measured))
+    norm = np.linalg.norm(first) * np.linalg.norm(second)
+    if norm == 0.0:
+        return 0, 0.0, 0.0
+    correlation = scipy.signal.correlate(second, first) / norm
+    shifts = scipy.signal.correlation_lags(len(second), len(first))
+    best = int(np.argmax(correlation))
+    return int(shifts[best]), float(correlation[best]), float(correlation[shifts == 0][0])
+
+
+def _spectrum(values: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [Hz] and amplitudes, without the mean."""
+    return np.fft.rfftfreq(len(values), dt), np.abs(np.fft.rfft(values - values.mean()))
+
+
+def _main_frequency(values: np.ndarray, dt: float) -> float:
+    """Where the amplitude spectrum is largest [Hz]; where that is a drift, the spectrum of the rate, in which a drift is small."""
+    frequencies, amplitude = _spectrum(values, dt)
+    largest = int(np.argmax(amplitude))
+    if largest < FEWEST_CYCLES:
+        largest = int(np.argmax(frequencies * amplitude))
+    return float(frequencies[largest])
+
+
+def _share_near(values: np.ndarray, dt: float, frequency: float) -> float:
+    """Largest amplitude near a frequency [Hz] over the largest of all; 0 for a history that rests."""
+    frequencies, amplitude = _spectrum(values, dt)
+    near = np.abs(frequencies - frequency) <= max(NEAR * frequency, 1.0 / (dt * len(values)))
+    return float(amplitude[near].max() / amplitude.max()) if amplitude.any() else 0.0

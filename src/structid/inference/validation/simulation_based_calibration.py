@@ -1,0 +1,305 @@
+"""Simulation-based calibration: whether a posterior covers what it says it covers, where the truth is known.
+
+Parameters are drawn from the prior, a measurement is simulated with each, and each replica is calibrated. If prior, model,
+likelihood and sampler fit together, the rank of the true parameter among the posterior draws is uniform (S. Talts et al. 2018,
+arXiv 1804.06788), and an interval of 90 % holds it in nine replicas of ten.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+import scipy
+
+from structid.core.errors import ConvergenceError, InputError
+from structid.core.notebook import ShownAsText
+from structid.core.progress import Progress
+from structid.core.streams import Purpose, stream
+from structid.core.units import label
+from structid.core.validation import check_arguments
+from structid.inference.error_models.base import Discrepancy
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling.base import Block
+from structid.inference.sampling.smc.smc import SMC
+from structid.inference.validation.replicated_posterior import ReplicatedPosterior
+from structid.models.base import Model
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EXPLORER = SMC(particles=100, ensembles=1, steps=40, effective_share=0.5, correlation=0.3)
+"""A population for each replica; the replicas are tempered side by side."""
+TELLING = 2.5
+"""Standard errors by which ranks must be off to be called shifted, too wide or too narrow."""
+LEVEL = 0.01
+"""Probability that correct ranks are called wrong."""
+LOG_LIKELIHOOD = "log-likelihood"
+"""Name of the last quantity that is ranked."""
+ENOUGH_REPLICAS = 100
+"""Fewer replicas reveal only gross mistakes."""
+FEWEST_REPLICAS = 20
+"""Fewer replicas say nothing about a distribution."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranks(ShownAsText):
+    """Outcome of a simulation-based calibration.
+
+    Parameters
+    ----------
+    names, units : tuple of str
+        Quantities and their display units: the parameters, and last the log-likelihood, which alone shows a likelihood that does
+        not see the data (M. Modrák et al. 2023, doi 10.1214/23-BA1404).
+    truth : ndarray, shape (replica, quantity)
+        Of parameters drawn from the prior, in SI.
+    draws : ndarray, shape (replica, draw, quantity)
+        Of each replica's posterior, in SI.
+    ranks : ndarray, shape (replica, quantity)
+        How many of each replica's last particles lie below the truth.
+    particles : int
+        Number of those particles: ranks go from 0 to this number.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    truth: np.ndarray = field(repr=False)
+    draws: np.ndarray = field(repr=False)
+    ranks: np.ndarray = field(repr=False)
+    particles: int
+
+    @cached_property
+    def p_values(self) -> np.ndarray:
+        """Probability that a right posterior looks as wrong as this, shape (quantity,).
+
+        The smallest of four, times four: of the ranks' histogram by χ², of their distribution function by Kolmogorov and Smirnov,
+        and of the numbers of 50 and 90 % intervals that hold the truth, which are binomial.
+        """
+        count = len(self.truth)
+        tests = [scipy.stats.chisquare(self.histogram(self.bins), axis=1).pvalue]
+        tests.append([scipy.stats.kstest(column, "uniform").pvalue for column in self._places.T])
+        for probability in (0.5, 0.9):
+            held = np.rint(self.coverage(probability) * count).astype(int)
+            tests.append([scipy.stats.binomtest(int(k), count, probability).pvalue for k in held])
+        return np.asarray(np.minimum(1.0, len(tests) * np.min(tests, axis=0)))
+
+    @cached_property
+    def _places(self) -> np.ndarray:
+        """Ranks between 0 and 1, jittered within their whole numbers, (replica, quantity)."""
+        rng = stream(0, Purpose.RANK_JITTER)
+        return np.asarray((self.ranks + rng.random(self.ranks.shape)) / (self.particles + 1))
+
+    @property
+    def bins(self) -> int:
+        """Bins of the histograms: at least ten replicas in each, and at most twenty."""
+        return int(np.clip(len(self.truth) // 10, 2, 20))
+
+    def histogram(self, bins: int) -> np.ndarray:
+        """Count the ranks.
+
+        Parameters
+        ----------
+        bins : int
+            How many bins.
+
+        Returns
+        -------
+        ndarray, shape (quantity, bin)
+            Replicas in each. Jittered ranks give equal probability to bins that do not divide the whole numbers evenly.
+        """
+        return np.stack([np.histogram(column, bins, (0.0, 1.0))[0] for column in self._places.T])
+
+    @property
+    def uniform(self) -> bool:
+        """Whether ranks and intervals of no quantity are wrong, at the 1 % level over all of them."""
+        return bool(self.p_values.min() > LEVEL / len(self.names))
+
+    def coverage(self, probability: float) -> np.ndarray:
+        """Share of the replicas whose central interval holds the truth.
+
+        Parameters
+        ----------
+        probability : float
+            Of the interval.
+
+        Returns
+        -------
+        ndarray, shape (quantity,)
+            If all is well, equal to `probability` up to the finite number of replicas.
+        """
+        tail = 0.5 * (1.0 - probability)
+        low, high = np.quantile(self.draws, [tail, 1.0 - tail], axis=1)
+        return np.asarray(((self.truth >= low) & (self.truth <= high)).mean(axis=0))
+
+    @property
+    def verdict(self) -> str:
+        """In a sentence."""
+        count, worst = len(self.truth), int(np.argmin(self.p_values))
+        p, name = self.p_values[worst], self.names[worst]
+        if self.uniform:
+            sentence = (
+                f"Calibrated: the ranks of the truth are uniform in {count} replicas, and intervals hold it as often as they say "
+                f"(smallest p = {p:.2g}, of {name})."
+            )
+            if count < ENOUGH_REPLICAS:
+                unseen = 2.0 * np.sqrt(0.9 * 0.1 / count)
+                sentence += f" So few replicas see gross mistakes alone: coverage is known to ±{unseen:.0%} here, to ±4% with 200."
+            return sentence
+        of_parameters = [p for own, p in zip(self.names, self.p_values, strict=True) if own != LOG_LIKELIHOOD]
+        if of_parameters and min(of_parameters) <= LEVEL / len(self.names):
+            worst = int(np.argmin(of_parameters))  # a parameter says more of what is wrong
+            p, name = self.p_values[worst], self.names[worst]
+        elif name == LOG_LIKELIHOOD:
+            return (
+                f"NOT CALIBRATED: the log-likelihood of the truth does not lie among those of the draws as it should, in {count} "
+                f"replicas (p = {p:.1g}): the posteriors do not use the data as their likelihood says."
+            )
+        half = self.coverage(0.5)[worst]
+        return (
+            f"NOT CALIBRATED: the posteriors of {name} are {_how_wrong(self._places[:, worst])} in {count} replicas "
+            f"(p = {p:.1g}). Intervals of 50 % hold the "
+            f"truth in {half:.0%}, of 90 % in {self.coverage(0.9)[worst]:.0%}."
+        )
+
+    def __str__(self) -> str:
+        heads = [label(n, u) for n, u in zip(self.names, self.units, strict=True)]
+        width = max(len(h) for h in heads)
+        lines = [self.verdict, "".ljust(width) + "  50 % holds  90 % holds   p of the ranks"]
+        for head, half, most, p in zip(heads, self.coverage(0.5), self.coverage(0.9), self.p_values, strict=True):
+            lines.append(f"{head.ljust(width)}{half:12.0%}{most:12.0%}{p:17.3g}")
+        return "\n".join(lines)
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the rank histograms and the distribution functions of the ranks.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            File name without ending.
+
+        Returns
+        -------
+        Figure
+            Two panels per parameter.
+        """
+        from structid.figures.calibration import ranks
+
+        held = self.coverage(0.5), self.coverage(0.9)
+        return ranks(self.names, self.histogram(self.bins), len(self.truth), *held, self._places, save=save)
+
+
+def _how_wrong(places: np.ndarray) -> str:
+    """What ranks of the truth, from 0 to 1, say of the posteriors.
+
+    Their mean should be 1/2 ± √(1/12n), their variance 1/12 ± √(1/180n).
+    """
+    beside = (np.mean(places) - 0.5) * np.sqrt(12.0 * len(places))
+    spread = (np.mean((places - 0.5) ** 2) - 1.0 / 12.0) * np.sqrt(180.0 * len(places))
+    if max(abs(beside), abs(spread)) < TELLING:
+        return "of another shape than they should be"
+    if abs(beside) > abs(spread):
+        return "shifted to values that are too small" if beside > 0.0 else "shifted to values that are too large"
+    return "too narrow" if spread > 0.0 else "too wide"
+
+
+@check_arguments
+def sbc(
+    posterior: Posterior,
+    replicas: int = 200,
+    *,
+    seed: int = 0,
+    explorer: SMC = EXPLORER,
+    simulator: Model | None = None,
+    noise: Discrepancy | None = None,
+    progress: Progress | None = None,
+) -> Ranks:
+    """Simulate measurements with parameters drawn from the prior, and calibrate to each.
+
+    The replicas are sampled side by side by tempered SMC, one population each. Where the prior of an error variance depends on
+    the measurement, all replicas use the prior that the posterior's own measurement gives.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        On any model. Its measurements matter only for the prior above. An expensive solver would be run a million times: instead,
+        fit a surrogate to it over the whole prior, and give the solver as `simulator`.
+    replicas : int
+        How many.
+    seed : int
+        Seed.
+    explorer : SMC
+        Particles of a replica, and their moves.
+    simulator : Model, optional
+        What simulates the measurements, if not the posterior's own model. Give the model behind a surrogate, to put the
+        surrogate's error to the test too.
+    noise : Discrepancy, optional
+        The law of the errors added to them, if not the posterior's own. Its parameters must be known.
+    progress : callable, optional
+        Called with the percentage done and 100.
+
+    Returns
+    -------
+    Ranks
+        Ranks, coverage, verdict; ``print`` it.
+
+    Raises
+    ------
+    InputError
+        If there are too few replicas.
+    ConvergenceError
+        If most simulations at draws of the prior fail.
+    """
+    if replicas < FEWEST_REPLICAS:
+        raise InputError("sbc(replicas)", f"{replicas}", f"{FEWEST_REPLICAS} or more, best 200")
+    truth, values = _simulated(posterior, replicas, seed, simulator, noise)
+    target = ReplicatedPosterior(posterior, values)
+    blocks: list[Block] = []
+    drawn = replace(explorer, ensembles=replicas, scouts=0).run(
+        target, seed, None, [], lambda _index, block: blocks.append(block), progress
+    )
+    theta = posterior.bijection(drawn.phi.reshape(-1, posterior.dimension))[0].reshape(drawn.phi.shape)
+    likelihood = np.concatenate([block["likelihood"] for block in blocks])[-len(theta) :]
+    of_truth = target.evaluate_parts(posterior.bijection.inverse(truth))[1]
+    drawn_of_all = np.concatenate([theta, likelihood[..., None]], axis=-1)
+    truth_of_all = np.column_stack([truth, of_truth])
+    ranks = (drawn_of_all[-1] < truth_of_all[:, None, :]).sum(axis=1)
+    # Five of the steps: particles of neighbouring ones say the same.
+    some = (
+        drawn_of_all[:: max(1, explorer.steps // 5)]
+        .transpose(1, 0, 2, 3)
+        .reshape(replicas, -1, len(posterior.names) + 1)
+    )
+    names, units = (*posterior.names, LOG_LIKELIHOOD), (*posterior.units.values(), "")
+    return Ranks(names, units, truth_of_all, some, ranks, explorer.particles)
+
+
+def _simulated(
+    posterior: Posterior, replicas: int, seed: int, simulator: Model | None, noise: Discrepancy | None
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """True parameters, and what each observation would have shown, (replica, time, channel)."""
+    rng = stream(seed, Purpose.REPLICA_TRUTH)
+    source = posterior if simulator is None else posterior.on(simulator)
+    truth, values = np.empty((0, posterior.dimension)), [np.empty(0)] * len(posterior.observations)
+    for attempt in range(10):
+        draws = posterior.space.from_uniform(rng.random((replicas, posterior.dimension)))
+        clean = [source.predict(draws, i) for i in range(len(posterior.observations))]
+        good = np.stack([np.isfinite(c).all(axis=(1, 2)) for c in clean]).all(axis=0)
+        kept = [c[good] for c in clean]
+        values = kept if attempt == 0 else [np.concatenate([v, c]) for v, c in zip(values, kept, strict=True)]
+        truth = np.concatenate([truth, draws[good]])
+        if len(truth) >= replicas:
+            break
+    else:
+        raise ConvergenceError(f"Only {len(truth)} of {10 * replicas} simulations at draws of the prior succeed.")
+    truth, values = truth[:replicas], [v[:replicas] for v in values]
+    rng = stream(seed, Purpose.REPLICA_NOISE)
+    law = posterior.discrepancy if noise is None else noise
+    for index, observation in enumerate(posterior.observations):
+        unknown, dt = posterior.unknowns(truth, index), observation.record.dt
+        shape = (replicas, len(observation.values), len(observation.channels))
+        sd = 1.0 if observation.sd is None else observation.sd
+        values[index] = values[index] + sd * law.draw(rng, shape, unknown, observation.channels, dt)
+    return truth, values

@@ -1,0 +1,197 @@
+"""An external solver as a model: one run at a time, guarded against crashes and hangs. Every outcome is a row with a status."""
+
+from __future__ import annotations
+
+import builtins
+import functools
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, cast
+
+import numpy as np
+
+from structid.core.channels import ChannelUnit, declared_unit, standard_unit
+from structid.core.errors import InputError, check_choice
+from structid.core.hashing import digest
+from structid.core.progress import Progress
+from structid.core.validation import check_name
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.models.base import Map, Model
+from structid.models.external.guard import attempt, packed
+from structid.models.external.protocol import Task
+
+
+class ExternalModel(Model):
+    """A model that is run one row at a time by a solver that is not structid's own.
+
+    A subclass says how one run is done (`solve`) and what its results depend on (`content_hash`). The rest is here: a child
+    process for the run, its time limit, the check of what came back.
+
+    Parameters
+    ----------
+    free : sequence of str
+        Names of the parameters, as the solver knows them.
+    channels : sequence of str
+        What the solver returns, in this order.
+    time_limit : float, optional
+        Seconds a run may take.
+    isolated : bool
+        Do each run in a child process, which can be killed and may crash. Otherwise runs happen in the calling process, without a
+        time limit. This is easier to debug, and works for functions that cannot be sent to another process.
+    version : str
+        Change it when something that `content_hash` cannot see changes, such as a library the solver calls. Stored runs of
+        another version are not taken for this one's.
+    units : mapping of str to str, optional
+        Units in which tables and figures show channels whose names are not standard ones, such as ``{"crack_width": "mm"}``. The
+        solver returns SI.
+    """
+
+    guarded: ClassVar[bool] = True
+    preloaded = __name__
+
+    def __init__(
+        self,
+        free: Sequence[str],
+        channels: Sequence[str],
+        time_limit: float | None = None,
+        isolated: bool = True,
+        version: str = "",
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        self.version = version
+        self.free = (free,) if isinstance(free, str) else tuple(free)
+        self.channels = (channels,) if isinstance(channels, str) else tuple(channels)
+        for what, names in (("free", self.free), ("channels", self.channels)):
+            for name in names:
+                check_name(f"{type(self).__name__}.{what}", name)
+        if len(set(self.channels)) < len(self.channels) or not self.channels:
+            raise InputError(f"{type(self).__name__}.channels", f"{list(self.channels)}", "one name or more, each once")
+        if time_limit is not None and not time_limit > 0:
+            raise InputError(f"{type(self).__name__}.time_limit", f"{time_limit}", "a positive number of seconds")
+        if time_limit is not None and not isolated:
+            raise InputError(
+                f"{type(self).__name__}.time_limit", "it is given with isolated=False", "one of the two",
+                "Only a process of its own can be stopped.",
+            )  # fmt: skip
+        self.time_limit, self.isolated = time_limit, isolated
+        for name in units or {}:
+            check_choice(f"{type(self).__name__}.units", name, self.channels)
+        self._units = {name: declared_unit(name, unit) for name, unit in (units or {}).items()}
+
+    @property
+    def channel_units(self) -> dict[str, ChannelUnit]:
+        """SI unit and display unit of every channel, as declared or as the standard names define them."""
+        return {c: self._units.get(c, standard_unit(c)) for c in self.channels}
+
+    scratch: Path | None = None
+    """Where runs leave their files, if they leave any."""
+    keeps_failed: bool = True
+    """Whether the files of a failed run are kept."""
+    kept: Path | None = None
+    """Where the last run's files are, if they were kept; known only to the process that did the run."""
+
+    @abstractmethod
+    def solve(self, task: Task, excitation: Excitation) -> Any:
+        """Do one run; called in the child process.
+
+        Parameters
+        ----------
+        task : Task
+            What to run.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        array-like, shape (time,) or (time, channel); mapping of str to array-like; or Histories
+            In SI, at the excitation's samples. Numbers that are not finite mean that the run diverged there.
+
+        Raises
+        ------
+        StructureFailedError
+            If the structure failed.
+        SolverError
+            If the solver failed.
+        """
+
+    def run(
+        self,
+        theta: np.ndarray,
+        excitation: Excitation,
+        progress: Progress | None = None,
+        map: Map | None = None,
+    ) -> Histories:
+        """Run rows of parameters one by one; see `Model.run`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        progress : callable, optional
+            Called with the number of finished runs and the total.
+        map : callable, optional
+            Maps the runs, like ``Executor.map``. When left out, they are done one after another.
+
+        Returns
+        -------
+        Histories
+            With status and reason of every run.
+        """
+        call = packed(self, excitation)
+        tasks = [self.task(row, excitation) for row in theta]
+        outcomes = []
+        for outcome in (map or builtins.map)(functools.partial(attempt, call), tasks):
+            outcomes.append(outcome)
+            if progress is not None:
+                progress(len(outcomes), len(tasks))
+        return Histories(
+            np.stack([o.values for o in outcomes]),
+            excitation.dt,
+            self.channels,
+            np.array([o.status for o in outcomes]),
+            np.array([o.failure_time for o in outcomes]),
+            excitation.name,
+            tuple(o.reason for o in outcomes),
+            self.channel_units,
+        )
+
+    def task(self, row: np.ndarray, excitation: Excitation, attempts: int = 1) -> Task:
+        """Describe one run.
+
+        Parameters
+        ----------
+        row : ndarray, shape (parameter,)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            What drives it.
+        attempts : int
+            Number of this attempt at the run.
+
+        Returns
+        -------
+        Task
+            Its name and seed depend on parameters, excitation and model alone.
+        """
+        key = digest(np.asarray(row, dtype=np.float64), excitation.content_hash, self.content_hash)
+        parameters = {name: float(value) for name, value in zip(self.free, row, strict=True)}
+        return Task(parameters, f"run-{key}", int(key[:8], 16), attempts)
+
+
+def as_guarded(model: Model) -> ExternalModel:
+    """Return a model that says it is guarded, as an `ExternalModel`.
+
+    Parameters
+    ----------
+    model : Model
+        A model whose runs are done one by one.
+
+    Returns
+    -------
+    ExternalModel
+        The same model.
+    """
+    return cast(ExternalModel, model)

@@ -1,0 +1,407 @@
+"""UM-Bridge: a model served over HTTP as one of structid's, and any of structid's served to clients of the protocol.
+
+The protocol (Seelinger et al. 2023, doi 10.21105/joss.04748) treats models as maps from lists of vectors to lists of vectors.
+Here the first input vector holds the parameters in SI, and there is one output vector for each channel, the history in SI.
+"""
+
+from __future__ import annotations
+
+import functools
+import ipaddress
+import json
+import re
+import socket
+from collections.abc import Mapping, Sequence
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.validation import check_arguments
+from structid.ground_motion.excitation import Excitation
+from structid.models.base import Model
+from structid.models.external.external import ExternalModel
+from structid.models.external.protocol import SolverError, Task
+from structid.models.traceable import as_traceable
+
+NOT_A_NUMBER = re.compile(r"(?<=[\[,:])\s*[-+]?(?:nan|inf|infinity|null|1\.#\w+)(?=\s*[,\]}])", re.IGNORECASE)
+"""How programs write NaN and the infinities, for which JSON has no word."""
+FIRST_WORDS = 160
+"""Signs of an answer that are shown where it is no answer."""
+
+
+@check_arguments
+class UMBridgeModel(ExternalModel):
+    """A model that a UM-Bridge server offers.
+
+    Parameters
+    ----------
+    url : str
+        Address of the server, ``"http://localhost:4242"``.
+    free : sequence of str
+        Names of the parameters, in the order of the server's inputs, one after another.
+    channels : sequence of str
+        Names of the server's output vectors.
+    name : str
+        Which of the server's models.
+    config : mapping, optional
+        Settings passed on with every run.
+    send_record : bool
+        Put the record into the configuration as ``{"record": {"name", "dt", "values"}}``, for a server that accepts any record.
+    time_limit : float, optional
+        Seconds a run may take.
+    version : str
+        See `ExternalModel`. Change it when what the server does changes.
+    units : mapping of str to str, optional
+        See `ExternalModel`.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        free: Sequence[str],
+        channels: Sequence[str],
+        name: str = "forward",
+        config: Mapping[str, Any] | None = None,
+        send_record: bool = False,
+        time_limit: float | None = None,
+        version: str = "",
+        units: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(free, channels, time_limit, version=version, units=units)
+        self.url, self.name, self.config, self.send_record = url.rstrip("/"), name, dict(config or {}), send_record
+
+    def solve(self, task: Task, excitation: Excitation) -> dict[str, list[float]]:
+        """Ask the server; see `ExternalModel.solve`.
+
+        Parameters
+        ----------
+        task : Task
+            What to run.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        mapping of str to list of float
+            A history for each channel.
+
+        Raises
+        ------
+        SolverError
+            If the server is not there, answers with an error, or returns another number of vectors.
+        """
+        config = dict(self.config)
+        if self.send_record:
+            config["record"] = {"name": excitation.name, "dt": excitation.dt, "values": excitation.values.tolist()}
+        _check_name(self.url, self.name)
+        asked = {"name": self.name, "config": config}
+        sizes = _answer(self.url, "InputSizes", asked, "inputSizes")
+        if sum(sizes) != len(self.free):
+            raise SolverError(f"the server's model takes {sum(sizes)} numbers, there are {len(self.free)} parameters")
+        values = iter(task.parameters.values())
+        inputs = [[next(values) for _ in range(size)] for size in sizes]
+        outputs = _answer(self.url, "Evaluate", {**asked, "input": inputs}, "output")
+        if len(outputs) != len(self.channels):
+            raise SolverError(f"the server returned {len(outputs)} vectors for the channels {', '.join(self.channels)}")
+        return dict(zip(self.channels, outputs, strict=True))
+
+    @functools.cached_property
+    def content_hash(self) -> str:
+        """Hash of address, name, configuration and names. What the server does with them is not seen."""
+        return digest(
+            "um-bridge", self.url, self.name, self.config, self.send_record, self.free, self.channels, self.version
+        )
+
+    def __repr__(self) -> str:
+        return f"UMBridgeModel({self.url}, {self.name}: {', '.join(self.free)} -> {', '.join(self.channels)})"
+
+
+@functools.cache
+def _check_name(url: str, name: str) -> None:
+    """Refuse a model that the server does not offer; asked once in each process."""
+    offered = _answer(url, "Info", None, "models")
+    if name not in offered:
+        raise SolverError(f"the server at {url} has no model '{name}'; it offers {', '.join(map(str, offered))}")
+
+
+def _answer(url: str, what: str, question: Mapping[str, Any] | None, key: str) -> Any:
+    """Ask a server. If its answer is an error, report its status and first words."""
+    try:
+        import requests
+    except ImportError:
+        raise SolverError("UM-Bridge is not installed here: pip install 'structid[umbridge]'") from None
+    try:
+        to = f"{url}/{what}"
+        response = requests.get(to) if question is None else requests.post(to, json=question)
+    except requests.RequestException as problem:
+        raise SolverError(f"the server at {url} did not answer: {type(problem).__name__}: {problem}") from None
+    # A run that diverged is written in many ways, most of which are no JSON: Python's reader knows NaN.
+    text = NOT_A_NUMBER.sub("NaN", response.text)
+    try:
+        answer = json.loads(text)
+    except ValueError:
+        answer = None
+    if isinstance(answer, dict) and "error" in answer:
+        error = answer["error"]
+        said = f"{error.get('type')}: {error.get('message')}" if isinstance(error, dict) else str(error)
+        raise SolverError(f"the server at {url} answered with an error: {said}")
+    if response.status_code >= 400 or not isinstance(answer, dict) or key not in answer:
+        words = " ".join(re.sub(r"<[^>]*>", " ", response.text).split())[:FIRST_WORDS] or "nothing"
+        raise SolverError(f"the server at {url} answered to {what} with HTTP status {response.status_code}: {words}")
+    return answer[key]
+
+
+class Served:
+    """What ``umbridge.serve_models`` asks of every model besides its values.
+
+    Parameters
+    ----------
+    name : str
+        What it is called.
+    differentiable : bool
+        Whether there are first derivatives.
+    """
+
+    def __init__(self, name: str, differentiable: bool) -> None:
+        self.name, self._differentiable = name, differentiable
+
+    def supports_evaluate(self) -> bool:
+        """Whether it can be evaluated.
+
+        Returns
+        -------
+        bool
+            True.
+        """
+        return True
+
+    def supports_gradient(self) -> bool:
+        """Whether a linear function of its output has a gradient.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_jacobian(self) -> bool:
+        """Whether its output has directional derivatives.
+
+        Returns
+        -------
+        bool
+            True for built-in models.
+        """
+        return self._differentiable
+
+    def supports_apply_hessian(self) -> bool:
+        """Whether there are second derivatives.
+
+        Returns
+        -------
+        bool
+            False.
+        """
+        return False
+
+
+class ServedModel(Served):
+    """One of structid's models with the interface that ``umbridge.serve_models`` asks for.
+
+    Parameters
+    ----------
+    model : Model
+        The model.
+    excitation : Excitation
+        What drives it, unless a request brings its own ``config["record"]`` of the same kind (``dt`` and ``values`` in SI).
+    name : str
+        What it is called.
+    """
+
+    def __init__(self, model: Model, excitation: Excitation, name: str = "forward") -> None:
+        super().__init__(name, model.traceable)
+        self.model, self.excitation = model, excitation
+
+    def get_input_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the input vectors: one, the free parameters in SI.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            The lengths.
+        """
+        return [len(self.model.free)]
+
+    def get_output_sizes(self, config: Mapping[str, Any]) -> list[int]:
+        """Lengths of the output vectors: one for each channel.
+
+        Parameters
+        ----------
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of int
+            The lengths.
+        """
+        return [len(self._driven_by(config))] * len(self.model.channels)
+
+    def __call__(self, parameters: list[list[float]], config: Mapping[str, Any]) -> list[list[float]]:
+        """Run the model once.
+
+        A run that fails returns what it has up to its failure: the vectors are then too short, which the protocol reports as an
+        error with both lengths. It has no way to say "not a number".
+        """
+        excitation = self._driven_by(config)
+        values = self.model.simulate(np.array(parameters, dtype=float), excitation).values[0]
+        finite = np.isfinite(values).all(axis=1)
+        usable: list[list[float]] = values[: len(values) if finite.all() else int(np.argmin(finite))].T.tolist()
+        return usable
+
+    def apply_jacobian(
+        self, out_wrt: int, in_wrt: int, parameters: list[list[float]], vec: list[float], config: Mapping[str, Any]
+    ) -> list[float]:
+        """Derivative of one channel in a direction of parameter space.
+
+        Parameters
+        ----------
+        out_wrt, in_wrt : int
+            Which output and input vector.
+        parameters : list of list of float
+            The input vectors.
+        vec : list of float
+            The direction.
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of float
+            J v, as long as the output vector.
+        """
+        import jax
+
+        channel = self._channel(out_wrt, config)
+        point, direction = np.array(parameters[0], dtype=float), np.array(vec, dtype=float)
+        return [float(value) for value in jax.jvp(channel, (point,), (direction,))[1]]
+
+    def gradient(
+        self, out_wrt: int, in_wrt: int, parameters: list[list[float]], sens: list[float], config: Mapping[str, Any]
+    ) -> list[float]:
+        """Gradient of a linear function of one channel.
+
+        Parameters
+        ----------
+        out_wrt, in_wrt : int
+            Which output and input vector.
+        parameters : list of list of float
+            The input vectors.
+        sens : list of float
+            The function's coefficients, as long as the output vector.
+        config : mapping
+            Of the request.
+
+        Returns
+        -------
+        list of float
+            sᵀ J, as long as the input vector.
+        """
+        import jax
+
+        _, pull_back = jax.vjp(self._channel(out_wrt, config), np.array(parameters[0], dtype=float))
+        return [float(value) for value in pull_back(np.array(sens, dtype=float))[0]]
+
+    def _channel(self, number: int, config: Mapping[str, Any]) -> Any:
+        """One channel's history as a function of the parameters, inside JAX."""
+        model = as_traceable(self.model, f"derivatives of {self.name}")
+        record = self._driven_by(config)
+        model.check_excitation(record)
+        excitation = model.traced(record)
+        return lambda theta: model.response(theta[None], excitation)[0][:, number, 0]
+
+    def _driven_by(self, config: Mapping[str, Any]) -> Excitation:
+        record = config.get("record")
+        if record is None:
+            return self.excitation
+        return type(self.excitation)(record["values"], record["dt"], record.get("name", "request"))
+
+
+def check_address(host: str, port: int) -> None:
+    """Refuse an address at which this machine cannot listen.
+
+    Parameters
+    ----------
+    host : str
+        A name or number.
+    port : int
+        Its port.
+
+    Raises
+    ------
+    InputError
+        If it is nobody's, or taken.
+    """
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind((address[0], port, *address[2:]))
+    except (OSError, UnicodeError, OverflowError) as cause:
+        raise InputError(
+            "structid serve",
+            f"the address {host}:{port}, at which it cannot listen ({cause})",
+            "an address of this machine, such as 127.0.0.1, and a port from 1 to 65535 that nobody else uses",
+        ) from None
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether an address is reached from this machine only.
+
+    Parameters
+    ----------
+    host : str
+        A name or number.
+
+    Returns
+    -------
+    bool
+        True for ``"127.0.0.1"`` and ``"localhost"``.
+    """
+    return all(ipaddress.ip_address(found[4][0]).is_loopback for found in socket.getaddrinfo(host, None))
+
+
+def serve(models: Sequence[ServedModel], port: int = 4242, host: str = "127.0.0.1") -> None:
+    """Serve models over HTTP until the process is stopped.
+
+    Parameters
+    ----------
+    models : sequence of ServedModel
+        What to offer.
+    port : int
+        Where.
+    host : str
+        Address to listen at; by default this machine's own, which no other machine reaches. There is no password.
+    """
+    try:
+        import umbridge
+        from aiohttp import web
+    except ImportError:
+        raise InputError(
+            "structid serve",
+            "UM-Bridge is not installed here",
+            "the extra 'umbridge'",
+            "pip install 'structid[umbridge]'.",
+        ) from None
+    # umbridge listens on every interface, and has no word for another address: the server that it starts is given one.
+    with patch.object(web, "run_app", functools.partial(web.run_app, host=host)):
+        umbridge.serve_models(list(models), port)

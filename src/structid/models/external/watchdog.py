@@ -1,0 +1,212 @@
+"""The owner's side of a guarded call: a keeper process does it, so that no crash or hang harms the owner.
+
+No executor can kill a hung task, and a solver that crashes takes its process with it. So whatever runs a solver (a thread of
+this program or a worker of a cluster) owns a keeper (`models/external/keeper.py`): a fresh process that inherits nothing and has
+one BLAS or XLA thread.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import weakref
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from structid.core.reasons import with_words
+from structid.models.external.keeper import ANSWERED, NOT_LOADED, START_LIMIT, TIMED_OUT
+
+LAST_WORDS = 2000
+"""Characters kept of what a failed call said."""
+
+_ONE_THREAD = {
+    **dict.fromkeys(
+        ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMEXPR_NUM_THREADS"),
+        "1",
+    ),
+    "JAX_NUM_CPU_DEVICES": "1",
+    "XLA_FLAGS": "--xla_cpu_multi_thread_eigen=false",
+}
+
+
+_START = "import json, sys; sys.path[:] = json.loads(sys.argv.pop(1)); from structid.models.external.keeper import main; main()"
+"""The keeper imports from where its owner does. Not by PYTHONPATH: programs that a solver starts must not inherit it."""
+
+
+class CallTimeoutError(Exception):
+    """The call took longer than it was allowed; whatever did it has been killed."""
+
+
+class NotLoadedError(Exception):
+    """The function could not be loaded where it should run: no run can be done there."""
+
+
+class CallDiedError(Exception):
+    """The call ended its process, by a signal or on its own."""
+
+
+@dataclass
+class _Kept:
+    """A keeper, and what ties its owner to it."""
+
+    process: subprocess.Popen[bytes]
+    channel: Connection
+    lifeline: int | None
+    voice: int
+    known: set[str] = field(default_factory=set)
+    owner: int = field(default_factory=os.getpid)
+    lock: Any = field(default_factory=threading.Lock)
+
+    def cut(self) -> None:
+        """Close the lifeline: keeper and runner kill themselves and all they have started."""
+        with self.lock:
+            lifeline, self.lifeline = self.lifeline, None
+        if lifeline is not None:
+            os.close(lifeline)
+        if os.getpid() != self.owner:  # a fork of the owner has copies of the ends, and no right to kill
+            return
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+
+    def bury(self) -> None:
+        self.cut()
+        if os.getpid() == self.owner:
+            self.process.wait()
+        self.channel.close()
+        os.close(self.voice)
+
+
+class Watchdog:
+    """Owner of one keeper, which is started with the first call."""
+
+    def __init__(self) -> None:
+        self._kept: _Kept | None = None
+        self._finalizer: Any = None
+        self._killed = False
+
+    def call(
+        self, key: str, function: bytes, arguments: tuple[Any, ...], time_limit: float | None, preloaded: str = ""
+    ) -> Any:
+        """Run a function where it can do no harm.
+
+        Parameters
+        ----------
+        key : str
+            Name of the function; the same name stands for the same bytes, which are sent once.
+        function : bytes
+            The function, pickled by `cloudpickle`.
+        arguments : tuple
+            Its arguments.
+        time_limit : float or None
+            Seconds it may take.
+        preloaded : str
+            Module that a keeper imports when it is started for this call.
+
+        Returns
+        -------
+        Any
+            What it returns.
+
+        Raises
+        ------
+        CallTimeoutError
+            If it took too long.
+        CallDiedError
+            If its process died of it.
+        NotLoadedError
+            If the function could not be loaded there.
+        Exception
+            Whatever the function raised.
+        """
+        kept = self._kept or self._start(preloaded)
+        if self._killed:  # while it was being started
+            self.close()
+            raise CallDiedError("it was stopped before it began")
+        request = (key, None if key in kept.known else function, pickle.dumps(arguments, protocol=5), time_limit)
+        try:
+            kept.channel.send_bytes(pickle.dumps(request, protocol=5))
+            kept.known.add(key)
+            # The keeper watches the time; should it hang itself, this does.
+            if not kept.channel.poll(None if time_limit is None else time_limit + 2 * START_LIMIT):
+                raise EOFError
+            answer = kept.channel.recv_bytes()
+        except (EOFError, OSError) as cause:
+            words = self.last_words()
+            self.close()
+            raise CallDiedError(with_words("its keeper was killed", words)) from cause
+        except KeyboardInterrupt:
+            self.close()  # the answer to this call must not be taken for that of the next
+            raise
+        if answer[:1] == ANSWERED:
+            good, result = pickle.loads(answer[1:])
+            if good:
+                return result
+            raise result
+        kind = {TIMED_OUT: CallTimeoutError, NOT_LOADED: NotLoadedError}.get(answer[:1], CallDiedError)
+        raise kind(with_words(answer[1:].decode(), self.last_words()))
+
+    def last_words(self) -> str:
+        """Return the end of what was said in the last call.
+
+        Returns
+        -------
+        str
+            Standard output and error, at most `LAST_WORDS` characters.
+        """
+        return "" if self._kept is None else _tail(self._kept.voice)
+
+    def kill(self) -> None:
+        """Kill everything from another thread, for good; a thread that waits in `call` sees it die."""
+        self._killed = True
+        if self._kept is not None:
+            self._kept.cut()
+
+    def close(self) -> None:
+        """Kill everything, and forget it; the next call starts anew."""
+        if self._kept is not None:
+            self._kept = None
+            self._finalizer()
+
+    def _start(self, preloaded: str) -> _Kept:
+        ours, theirs = socket.socketpair()
+        read_end, write_end = os.pipe()
+        voice = _nameless_file()
+        search_path = [folder or str(Path.cwd()) for folder in sys.path]
+        process = subprocess.Popen(
+            [sys.executable, "-c", _START, json.dumps(search_path), str(theirs.fileno()), str(read_end), preloaded],
+            stdin=subprocess.DEVNULL,
+            stdout=voice,
+            stderr=voice,
+            env={**os.environ, **_ONE_THREAD},
+            pass_fds=(theirs.fileno(), read_end),
+            start_new_session=True,  # out of the reach of the terminal's Ctrl-C
+        )
+        theirs.close()
+        os.close(read_end)
+        self._kept = _Kept(process, Connection(ours.detach()), write_end, voice)
+        self._finalizer = weakref.finalize(self, self._kept.bury)
+        return self._kept
+
+
+def _nameless_file() -> int:
+    """Open a file without a name, which nobody has to remove."""
+    handle, name = tempfile.mkstemp(prefix="structid-")
+    Path(name).unlink()
+    return handle
+
+
+def _tail(handle: int) -> str:
+    """Read the last words in a file, without moving the place where the runner writes."""
+    size = os.fstat(handle).st_size
+    start = max(0, size - LAST_WORDS)
+    return os.pread(handle, size - start, start).decode(errors="replace").strip()

@@ -1,0 +1,1 @@
+"""Structures of hysteretic springs: the oscillator, the shear frame, cyclic tests."""

@@ -1,0 +1,191 @@
+"""The equations of motion of the shear frame for a batch of runs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from structid.engine.device import jnp
+from structid.mechanics.hysteresis import Law
+from structid.mechanics.hysteretic_system import HystereticSystem, State
+
+
+class FrameEquations(HystereticSystem):
+    """m_j u_j″ = −m_j a_g − (C u′)_j − f_j + f_(j+1); every part of the state is (storey, run).
+
+    Parameters
+    ----------
+    storeys : int
+        N.
+    channels : tuple of str
+        What is recorded.
+    values : dict
+        Every parameter by name, see `ShearFrame`.
+    kind : str
+        How the excitation acts: on the base, or as a force on the top floor.
+    runs : int
+        How many.
+    damping : str or ndarray
+        ``"modal"``, ``"rayleigh"``, or the matrix C.
+    rayleigh_mode : int
+        The second mode with ζ.
+    """
+
+    def __init__(
+        self,
+        storeys: int,
+        channels: tuple[str, ...],
+        values: dict[str, Any],
+        kind: str,
+        runs: int,
+        damping: str | np.ndarray,
+        rayleigh_mode: int,
+    ) -> None:
+        self.storeys, self.runs, self.channels = storeys, runs, channels
+        self.stiffness = self._full(values["stiffness"])
+        law = Law(**{name: values[name] for name in Law._fields})
+        recorded = {channel.rpartition("_")[0] for channel in channels}
+        super().__init__(law, self._full(values["mass"]), self.stiffness, kind, recorded)
+        self.viscous = self._viscous(damping, rayleigh_mode, values["damping_ratio"])
+
+    def _full(self, value: Any) -> Any:
+        return jnp.broadcast_to(value, (self.storeys, self.runs))
+
+    def _viscous(self, damping: str | np.ndarray, rayleigh_mode: int, damping_ratio: Any) -> Any:
+        """M⁻¹ C, shape (storey, storey, run)."""
+        if not isinstance(damping, str):
+            return jnp.asarray(damping)[:, :, None] / self.mass[:, None, :]
+        root = jnp.sqrt(self.mass.T)
+        squares, modes = jnp.linalg.eigh(self._stiffness_matrices() / (root[:, :, None] * root[:, None, :]))
+        omega = jnp.sqrt(squares)
+        zeta = jnp.broadcast_to(damping_ratio, (self.runs,))[:, None]
+        if damping == "modal":
+            rates = 2.0 * zeta * omega
+        else:
+            # a/(2ω) + bω/2 = ζ at both modes: 2ζω of every mode becomes a + b ω²
+            first, second = omega[:, :1], omega[:, min(rayleigh_mode, self.storeys) - 1, None]
+            rates = 2.0 * zeta / (first + second) * (first * second + omega**2)
+        symmetric = jnp.einsum("rim,rm,rjm->rij", modes, rates, modes)
+        # M⁻¹ C = M^(−½) S M^½
+        return (symmetric * root[:, None, :] / root[:, :, None]).transpose(1, 2, 0)
+
+    def _stiffness_matrices(self) -> Any:
+        """K of every run, shape (run, storey, storey)."""
+        k = self.stiffness.T
+        above = jnp.concatenate([k[:, 1:], jnp.zeros((self.runs, 1))], axis=1)
+        upper = jnp.eye(self.storeys, k=1) * above[:, :, None]
+        return (k + above)[:, :, None] * jnp.eye(self.storeys) - upper - upper.swapaxes(1, 2)
+
+    def initial_state(self, zero: Any) -> State:
+        """The frame at rest.
+
+        Parameters
+        ----------
+        zero : jax.Array, shape (storey, run)
+            Zeros.
+
+        Returns
+        -------
+        dict
+            Every part of that shape.
+        """
+        return self.with_energies({"u": zero, "v": zero, "z": zero}, zero)
+
+    def largest_square_of_frequency(self) -> Any:
+        """Gershgorin's bound max 2 (k_j + k_(j+1))/m_j; see `HystereticSystem.largest_square_of_frequency`."""
+        above = jnp.concatenate([self.stiffness[1:], jnp.zeros_like(self.stiffness[:1])])
+        return (2.0 * (self.stiffness + above) / self.mass).max(axis=0)
+
+    def deformation(self, motion: Any) -> Any:
+        """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`.
+
+        Parameters
+        ----------
+        motion : jax.Array, shape (storey, run)
+            Displacements or velocities of the floors.
+
+        Returns
+        -------
+        jax.Array, shape (storey, run)
+            Of the storeys.
+        """
+        return motion - jnp.concatenate([jnp.zeros_like(motion[:1]), motion[:-1]])
+
+    def spring_force(self, deformation: Any, z: Any) -> Any:
+        """Storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`.
+
+        Parameters
+        ----------
+        deformation, z : jax.Array, shape (storey, run)
+            d and z [m].
+
+        Returns
+        -------
+        jax.Array, shape (storey, run)
+            [N].
+        """
+        return self.stiffness * (self.law.alpha * deformation + (1.0 - self.law.alpha) * z)
+
+    def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
+        """Accelerations of the floors; see `HystereticSystem.acceleration`.
+
+        Parameters
+        ----------
+        u, v, z : jax.Array, shape (storey, run)
+            Displacements, velocities, hysteretic displacements.
+        signal : array
+            Ground acceleration [m/s²], or force on the top floor [N].
+
+        Returns
+        -------
+        jax.Array, shape (storey, run)
+            [m/s²].
+        """
+        shear = self.spring_force(self.deformation(u), z)
+        above = jnp.concatenate([shear[1:], jnp.zeros_like(shear[:1])])
+        damping = jnp.einsum("ijr,jr->ir", self.viscous, v)
+        motion = -damping + (above - shear) / self.mass
+        if self.kind == "force":
+            return jnp.concatenate([motion[:-1], motion[-1:] + signal / self.mass[-1:]])
+        return motion - signal
+
+    def observe(self, state: State, signal: Any) -> Any:
+        """Return the channels at a sample.
+
+        Parameters
+        ----------
+        state : dict
+            The state.
+        signal : array
+            Value of the excitation.
+
+        Returns
+        -------
+        jax.Array, shape (channel, run)
+            In SI.
+        """
+        rows = []
+        for channel in self.channels:
+            name, _, number = channel.rpartition("_")
+            base_shear = channel == "base_shear"
+            storey = 0 if base_shear else int(number) - 1
+            rows.append(self.channel("restoring_force" if base_shear else name, state, signal)[storey])
+        return jnp.stack(rows)
+
+
+def stiffness_matrix(stiffness: np.ndarray) -> np.ndarray:
+    """Tridiagonal stiffness matrix of storeys from the ground up.
+
+    Parameters
+    ----------
+    stiffness : ndarray, shape (storey,)
+        Initial stiffnesses [N/m].
+
+    Returns
+    -------
+    ndarray, shape (storey, storey)
+        K [N/m].
+    """
+    matrix = np.diag(stiffness + np.append(stiffness[1:], 0.0))
+    return matrix - np.diag(stiffness[1:], 1) - np.diag(stiffness[1:], -1)

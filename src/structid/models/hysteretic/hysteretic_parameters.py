@@ -1,0 +1,172 @@
+"""Parameters of hysteretic models: their SI units, and the checks that models share."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError, suggestion
+
+PARAMETER_UNITS = {
+    "mass": "kg",
+    "stiffness": "N/m",
+    "damping_ratio": "",
+    "damping": "N*s/m",
+    "alpha": "",
+    "beta": "1/m",
+    "gamma": "1/m",
+    "gamma_ratio": "",
+    "exponent": "",
+    "amplitude": "",
+    "delta_a": "kg/J",
+    "delta_nu": "kg/J",
+    "delta_eta": "kg/J",
+    "zeta0": "",
+    "p": "kg/J",
+    "q": "",
+    "psi0": "m",
+    "delta_psi": "m*kg/J",
+    "lambda_": "",
+    "initial_displacement": "m",
+    "initial_velocity": "m/s",
+    "initial_hysteretic_displacement": "m",
+}
+"""SI unit of every parameter; β and γ are in m⁻ⁿ, written 1/m for n = 1."""
+
+DEFAULT_SUBSTEPS = 3
+"""Steps per sample: the velocity error on the benchmark study is below 1e-4 of its norm (see docs/benchmarks.md)."""
+
+
+def check_free(model: str, free: Any, known_names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the free names as a tuple if the model has them all.
+
+    Parameters
+    ----------
+    model : str
+        The model's name, for the message.
+    free : sequence of str
+        The names.
+    known_names : tuple of str
+        The model's parameters.
+
+    Returns
+    -------
+    tuple of str
+        The names.
+
+    Raises
+    ------
+    InputError
+        If one is unknown or repeated.
+    """
+    names = (free,) if isinstance(free, str) else tuple(free)
+    for name in names:
+        if name not in known_names:
+            raise InputError(
+                f"{model}.free",
+                f"the parameter '{name}', which the model lacks",
+                ", ".join(known_names),
+                suggestion(name, known_names),
+            )
+    if len(set(names)) < len(names):
+        raise InputError(f"{model}.free", f"{list(names)}", "each name once")
+    return names
+
+
+def finite_number(where: str, value: Any) -> float:
+    """Return a value as a finite float.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    value : object
+        What came.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InputError(where, f"{value!r}", "a number in SI", "To let it vary name it in free.") from None
+    if not np.isfinite(number):
+        raise InputError(where, f"{number}", "a finite number")
+    return number
+
+
+def parameter_unit(name: str, given: Mapping[str, Any], unknown: Collection[str]) -> str | None:
+    """SI unit of a parameter in a study; β and γ are in m⁻ⁿ, which is known only where n is.
+
+    Parameters
+    ----------
+    name : str
+        Without the number of a storey.
+    given : mapping of str to object
+        Parameters that are known.
+    unknown : collection of str
+        Names of the unknown and the derived ones.
+
+    Returns
+    -------
+    str or None
+        Empty for a pure number, and for β and γ where n is not known; None for a parameter that is not standard.
+    """
+    if name not in ("beta", "gamma"):
+        return PARAMETER_UNITS.get(name)
+    exponent = given.get("exponent")
+    if any(n.startswith("exponent") for n in unknown) or isinstance(exponent, tuple):
+        return ""  # a plain number in SI
+    return unit_of_shape(1.0 if exponent is None else exponent)
+
+
+def unit_of_shape(exponent: float) -> str:
+    """SI unit of β and γ with a known exponent.
+
+    Parameters
+    ----------
+    exponent : float
+        n.
+
+    Returns
+    -------
+    str
+        That of m⁻ⁿ.
+    """
+    return "1/m" if exponent == 1.0 else f"1/m^{exponent:g}"
+
+
+def refuse_units_of_shapes(table: Any) -> Any:
+    """Refuse β and γ with a unit where n is not 1: they are in m⁻ⁿ then, which a length unit would scale wrongly.
+
+    Parameters
+    ----------
+    table : object
+        A table of a study file, as TOML gives it.
+
+    Returns
+    -------
+    object
+        The same.
+
+    Raises
+    ------
+    InputError
+        If β or γ is a text with a unit.
+    """
+    if isinstance(table, dict) and table.get("exponent", 1) not in (1, 1.0):
+        for name in ("beta", "gamma"):
+            if isinstance(table.get(name), str):
+                raise InputError(
+                    name, f"{name} = '{table[name]}' with an exponent that is not 1", "a plain number in m^-n"
+                )
+    return table

@@ -1,0 +1,225 @@
+"""A structure on which displacements are imposed, as in a cyclic test or by the actuators of a hybrid test: forces come out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, ClassVar
+
+from structid.core.channels import check_channels
+from structid.core.errors import InputError
+from structid.core.hashing import digest
+from structid.core.validation import check_arguments
+from structid.engine.device import jnp
+from structid.engine.time_loop import TimeLoop
+from structid.ground_motion.excitation import CombinedExcitation, DisplacementHistory, Excitation, RotationHistory
+from structid.mechanics.carried_over import InPieces
+from structid.mechanics.restoring_forces import RestoringForce
+from structid.models.traceable import TraceableModel, TracedExcitation, as_traceable
+from structid.probability.space import ParameterSpace
+
+KINDS = {"m": DisplacementHistory.kind, "rad": RotationHistory.kind}
+"""Kind of excitation by the unit of a displacement."""
+
+
+def force_channels(units: Sequence[str]) -> tuple[str, ...]:
+    """Name the forces against displacements.
+
+    Parameters
+    ----------
+    units : sequence of str
+        ``"m"`` or ``"rad"`` of every displacement.
+
+    Returns
+    -------
+    tuple of str
+        ``"restoring_force"`` for one, or ``"restoring_force_1"``, ``"moment_2"``, …
+    """
+    if len(units) == 1:
+        return ("moment",) if units[0] == "rad" else ("restoring_force",)
+    return tuple(f"{'moment' if unit == 'rad' else 'restoring_force'}_{k}" for k, unit in enumerate(units, start=1))
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class ImposedDisplacements(TraceableModel):
+    """A model's structure under imposed displacements, without inertia and dashpots.
+
+    Forces are differences from those at the start, where all displacements are zero.
+
+    Parameters
+    ----------
+    model : TraceableModel
+        On whose structure displacements can be imposed, such as `BoucWen` or `MasonryWall`. Its free parameters are those of this
+        one. A wall's top is moved by a rigid beam: u_x, u_y and the rotation about the middle of the top.
+    pieces : int
+        In which every move from sample to sample is done.
+    channels : sequence of str, optional
+        Which forces are recorded, see `force_channels`; all when left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from structid.models.hysteretic.bouc_wen import BoucWen
+    >>> storey = BoucWen(mass=12e3, alpha=0.05, beta=63.0, gamma_ratio=1.0, free=("stiffness",))
+    >>> path = DisplacementHistory(0.02 * np.sin(np.linspace(0.0, 6.28, 101)), 1.0)
+    >>> forces = ImposedDisplacements(storey).simulate(np.array([[7.6e6]]), path)
+    >>> print(f"{forces.values.max() / 1e3:.1f} kN")
+    64.1 kN
+    """
+
+    hint_where_not_finite: ClassVar[str] = ", as where a move is too long for the hysteretic law; more pieces follow it"
+
+    model: TraceableModel
+    pieces: int = 10
+    channels: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        as_traceable(self.model, "ImposedDisplacements.model")
+        if self._force(jnp.ones((1, len(self.free)))) is None:
+            raise InputError(
+                "ImposedDisplacements.model",
+                f"a {self.model.kind_in_words}",
+                "a model on which displacements can be imposed",
+            )
+        if not self.pieces >= 1:
+            raise InputError("ImposedDisplacements.pieces", f"{self.pieces!r}", "a whole number, 1 or more")
+        known = force_channels(self._units)
+        wanted = (self.channels,) if isinstance(self.channels, str) else tuple(self.channels)
+        object.__setattr__(self, "channels", check_channels("ImposedDisplacements.channels", wanted or known, known))
+
+    @property
+    def free(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Free parameters of the model."""
+        return self.model.free
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return f"{self.model.kind_in_words} under imposed displacements"
+
+    def _force(self, theta: Any) -> RestoringForce | None:
+        force = self.model.static_force(theta)
+        return None if force is None else InPieces(force, self.pieces)
+
+    @cached_property
+    def _units(self) -> tuple[str, ...]:
+        force = self._force(jnp.ones((1, len(self.free))))
+        assert force is not None  # __post_init__ has looked
+        return force.units
+
+    def static_force(self, theta: Any) -> RestoringForce | None:
+        """Give the model's; see `TraceableModel.static_force`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        RestoringForce
+            Of as many runs.
+        """
+        return self.model.static_force(theta)
+
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        int
+            One: `pieces` divides a move, not the record.
+        """
+        return 1
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the samples; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            Displacements.
+
+        Returns
+        -------
+        TimeLoop
+            Of moves from one sample to the next.
+        """
+        force, count = self._force(theta), len(self._units)
+        assert force is not None  # __post_init__ has looked
+        rows = [force_channels(self._units).index(channel) for channel in self.channels]
+        nothing = jnp.zeros((count, theta.shape[0]))
+        at_zero, memory = force.force_at_rest(nothing), force.at_rest(nothing)
+
+        def sample(carried: tuple[Any, Any], row: Any) -> tuple[tuple[Any, Any], Any]:
+            place = nothing + row[0, 0].reshape(count, 1)
+            found, after = force.at(carried[0], place)
+            return (after, carried[1] & jnp.isfinite(found).all(axis=0)), jnp.stack(
+                [(found - at_zero)[row] for row in rows]
+            )
+
+        start = memory, jnp.isfinite(at_zero).all(axis=0)
+        return TimeLoop(start, sample, excitation.stages, excitation.dropped_samples, lambda carried: carried[1])
+
+    def recording(self, *channels: str) -> ImposedDisplacements:
+        """Return this model with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        ImposedDisplacements
+            The same model, recording them.
+        """
+        return replace(self, channels=channels)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse anything but as many imposed displacements as the structure has.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is another one.
+        """
+        parts = excitation.parts if isinstance(excitation, CombinedExcitation) else (excitation,)
+        wanted, came = [KINDS[unit] for unit in self._units], [part.kind for part in parts]
+        if came != wanted:
+            allowed = ", ".join(f"a {kind.capitalize()}History" for kind in wanted)
+            raise InputError(
+                "ImposedDisplacements", ", ".join(came), allowed, "Several are one CombinedExcitation, in this order."
+            )
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse what the model refuses; see `Model.check_priors`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+        """
+        self.model.check_priors(space)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of every setting."""
+        return digest("ImposedDisplacements", self.model.content_hash, self.pieces, self.channels)
+
+    def __str__(self) -> str:
+        return f"ImposedDisplacements: {self.model}"

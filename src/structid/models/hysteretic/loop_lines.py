@@ -1,0 +1,350 @@
+"""Initial and final stiffness of a measured loop by two straight lines, for the priors of `stiffness` and `alpha`.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import scipy.optimize
+
+from structid.core.errors import InputError
+from structid.core.notebook import ShownAsText
+from structid.core.validation import check_arguments, real_array
+from structid.ground_motion.readers import read_columns
+from structid.probability.marginals import LogNormal
+from structid.probability.truncation import Marginal
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+OTHER_ELASTIC = (0.5, 1.5, 2.0)
+"""Other ends of the initial line, in parts of the one that was asked for: how its slope depends on that choice."""
+
+OTHER_YIELDED = (0.6, 1.4)
+"""Other beginnings of the final line, as distances from the peak in parts of the one that was asked for."""
+
+FEWEST = 3
+"""Samples on a line at least."""
+
+DUCTILITY = 2.5
+"""Peak displacement over that at which the lines meet, at least, if a structure has yielded enough to show its α."""
+
+YIELD_SHARE = 0.3
+"""Yield force over the largest force, at least: below it the final line goes about through zero, as the initial one does."""
+
+NORMAL_90 = 2 * 1.645
+"""Width of a 90 % interval of a normal law in standard deviations."""
+
+SMALLEST_SPREAD = {"stiffness": 0.1, "alpha": 0.3}
+"""Coefficients of variation of the priors at least: the parameters of a smooth law are not slopes of lines."""
+
+
+@check_arguments
+@dataclass(frozen=True)
+class LoopLines(ShownAsText):
+    """Two straight lines through a force-displacement loop; made by `fit` or `read`.
+
+    The slope of a smooth loop falls steadily, so that a line's slope depends on its range. The intervals hold the slopes over other
+    ranges, and what the slopes tend to: that of the initial line is longer by their spread above; that of the final line begins at
+    the asymptote of a loop that bends as slowly as Bouc and Wen's with an exponent of 1. A sharper one has reached it already.
+
+    Parameters
+    ----------
+    initial_stiffness, final_stiffness : float
+        Slopes k_i and k_u [N/m].
+    yield_force : float
+        Force at which the final line meets zero displacement [N].
+    initial_interval, final_interval : pair of float
+        Where k_i and k_u lie [N/m].
+    displacement, force : ndarray, shape (time,)
+        The loop [m], [N].
+    """
+
+    initial_stiffness: float
+    final_stiffness: float
+    yield_force: float
+    initial_interval: tuple[float, float]
+    final_interval: tuple[float, float]
+    displacement: np.ndarray = field(repr=False)
+    force: np.ndarray = field(repr=False)
+
+    @classmethod
+    def fit(cls, displacement: np.ndarray, force: np.ndarray, elastic: float = 0.1, yielded: float = 0.75) -> LoopLines:
+        """Fit both lines by linear regressions (the thesis's figure 3.7).
+
+        The initial line goes through the samples before the displacement first leaves ± `elastic` of its peak, f = f_0 + k_i u; the
+        final one through the loading samples beyond ± `yielded` of the peak, f = ± f_y + k_u u with one slope for both sides.
+
+        Parameters
+        ----------
+        displacement, force : ndarray, shape (time,)
+            [m], [N], from rest on.
+        elastic, yielded : float
+            Fractions of the peak displacement.
+
+        Returns
+        -------
+        LoopLines
+            The lines.
+
+        Raises
+        ------
+        InputError
+            If the histories do not belong together, or a line has fewer than three samples.
+
+        Examples
+        --------
+        >>> u = 0.02 * np.sin(np.linspace(0.0, 4.0 * np.pi, 4001))
+        >>> loop = si.BoucWen(mass=1.0, stiffness="7.6 kN/mm", alpha=0.06, beta=300.0, channels="restoring_force")
+        >>> force = loop.simulate(np.zeros((1, 0)), si.DisplacementHistory(u, 0.01)).values[0, :, 0]
+        >>> print(si.LoopLines.fit(u, force, elastic=0.02))  # doctest: +SKIP
+        """
+        u, f = (
+            real_array(f"LoopLines.fit({name})", values)
+            for name, values in (("displacement", displacement), ("force", force))
+        )
+        if u.shape != f.shape or u.ndim != 1:
+            raise InputError("LoopLines.fit", f"shapes {u.shape} and {f.shape}", "two histories of one length")
+        if missing := int(np.count_nonzero(~np.isfinite(u + f))):
+            raise InputError("LoopLines.fit", f"{missing} of {u.size} samples missing or infinite", "finite numbers")
+        if not 0.0 < elastic < yielded < 1.0:
+            raise InputError("LoopLines.fit", f"elastic={elastic:g}, yielded={yielded:g}", "0 < elastic < yielded < 1")
+        counts = int(_elastic(u, elastic).sum()), int(_yielded(u, yielded).sum())
+        if min(counts) < FEWEST:
+            raise InputError(
+                "LoopLines.fit",
+                f"{counts[0]} samples on the initial and {counts[1]} on the final line",
+                f"{FEWEST} or more on each",
+                "Change the fractions elastic and yielded.",
+            )
+        initial = _initial_slope(u, f, elastic)
+        low, high = _range([initial, *(_initial_slope(u, f, part * elastic) for part in OTHER_ELASTIC)])
+        ranges = [yielded, *(1.0 - part * (1.0 - yielded) for part in OTHER_YIELDED)]
+        lines = [_final_line(u, f, part) for part in ranges]
+        peak, (final, yield_force) = float(np.abs(u).max()), lines[0]
+        slopes = [slope for slope, _ in lines]
+        middles = [0.5 * (1.0 + part) * peak for part in ranges]
+        asymptotes = [_asymptote(initial, *line, middle) for line, middle in zip(lines, middles, strict=True)]
+        return cls(initial, final, yield_force, (low, high + (high - low)), _range([*slopes, *asymptotes]), u, f)
+
+    @classmethod
+    def read(
+        cls,
+        path: str | os.PathLike[str],
+        displacement_unit: str,
+        force_unit: str,
+        displacement_column: int = 0,
+        force_column: int = 1,
+        elastic: float = 0.1,
+        yielded: float = 0.75,
+    ) -> LoopLines:
+        """Fit both lines to a loop in a file; see `fit`.
+
+        Parameters
+        ----------
+        path : path-like
+            Text or CSV in columns.
+        displacement_unit, force_unit : str
+            Units of the columns.
+        displacement_column, force_column : int
+            Columns, counted from 0.
+        elastic, yielded : float
+            Fractions of the peak displacement.
+
+        Returns
+        -------
+        LoopLines
+            The lines.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read, or the lines cannot be fitted.
+        """
+        displacement, force = (
+            read_columns(path, unit, 1.0, column, si).values.reshape(-1)  # a loop needs no clock
+            for unit, column, si in ((displacement_unit, displacement_column, "m"), (force_unit, force_column, "N"))
+        )
+        return cls.fit(displacement, force, elastic, yielded)
+
+    @property
+    def alpha(self) -> float:
+        """Final over initial stiffness, α = k_u/k_i."""
+        return self.final_stiffness / self.initial_stiffness
+
+    @property
+    def alpha_interval(self) -> tuple[float, float]:
+        """Where α lies; its upper end holds for a structure that has hardly yielded, too."""
+        ratios = [final / initial for final in self.final_interval for initial in self.initial_interval]
+        return min(ratios), min(1.0, max(ratios))
+
+    @property
+    def ductility(self) -> float:
+        """Peak displacement over that at which the two lines meet."""
+        # f_y + k_u u_y = k_i u_y
+        yield_displacement = self.yield_force / (self.initial_stiffness - self.final_stiffness)
+        return float(np.abs(self.displacement).max() / yield_displacement)
+
+    @property
+    def yielded(self) -> bool:
+        """Whether the structure has yielded enough for the final line to tell its α."""
+        return (
+            self.final_stiffness < self.initial_stiffness
+            and self.yield_force >= YIELD_SHARE * float(np.abs(self.force).max())
+            and self.ductility >= DUCTILITY
+        )
+
+    def priors(self) -> dict[str, Marginal]:
+        """Give priors of `stiffness` and `alpha` (the thesis has means of 7.42 kN/mm and 0.063).
+
+        Their means are the middle of `initial_interval` and `alpha_interval`. These are their intervals of 90 %, but for
+        coefficients of variation of 0.1 and 0.3 at least. Lines through the loop that is also the measurement use it twice: keep
+        these priors wide.
+
+        Returns
+        -------
+        dict of str to Marginal
+            Lognormal; that of α truncated at 1.
+
+        Raises
+        ------
+        InputError
+            If the structure has hardly yielded, or its strength falls: the loop then says nothing of α.
+
+        Examples
+        --------
+        >>> lines = si.LoopLines.read("loop.csv", "mm", "kN")  # doctest: +SKIP
+        >>> space = si.ParameterSpace(**lines.priors(), beta=si.Uniform(55, 65, unit="1/m"))  # doctest: +SKIP
+        """
+        if not self.yielded:
+            raise InputError(
+                "LoopLines.priors",
+                self._hardly,
+                "a loop well beyond yielding",
+                "Take initial_stiffness alone, and give alpha a wide prior of your own.",
+            )
+        if self.final_stiffness <= 0.0:
+            raise InputError(
+                "LoopLines.priors",
+                f"a final line that falls, with {self._kilonewtons(self.final_stiffness)}",
+                "a final line that rises",
+                "Strength is lost in the loop: take a law with degradation, and give alpha a prior of your own.",
+            )
+        stiffness, alpha = self.initial_interval, (max(self.alpha_interval[0], 0.0), self.alpha_interval[1])
+        return {
+            "stiffness": LogNormal(*(1e-6 * moment for moment in _moments("stiffness", stiffness)), unit="kN/mm"),
+            "alpha": LogNormal(*_moments("alpha", alpha), high=1.0),
+        }
+
+    @property
+    def _hardly(self) -> str:
+        return (
+            f"a structure that hardly yielded: its final line has {self.alpha:.2f} of the initial stiffness and a yield force of "
+            f"{self.yield_force * 1e-3:.3g} kN, of {np.abs(self.force).max() * 1e-3:.3g} kN at most"
+        )
+
+    @staticmethod
+    def _kilonewtons(stiffness: float) -> str:
+        return f"{stiffness * 1e-6:.3g} kN/mm"
+
+    def __str__(self) -> str:
+        low, high = (f"{end * 1e-6:.3g}" for end in self.initial_interval)
+        said = f"The loop's initial stiffness is {self._kilonewtons(self.initial_stiffness)} ({low} to {high})."
+        if not self.yielded:
+            return f"{said} It is of {self._hardly}. Of alpha it says no more than that it is at most {self.alpha_interval[1]:.2f}."
+        first, last = self.alpha_interval
+        return (
+            f"{said} Its alpha is {self.alpha:.3f} ({first:.3f} to {last:.3f}), its yield force {self.yield_force * 1e-3:.3g} kN, "
+            f"its ductility {self.ductility:.2g}."
+        )
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the loop and the lines.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from structid.figures import loops
+
+        u, f = self.displacement * 1e3, self.force * 1e-3
+        end = np.abs(u).max()
+        elastic = np.array([-1.0, 1.0]) * min(np.abs(f).max() / (self.initial_stiffness * 1e-6), end)
+        lines = [
+            (elastic, elastic * self.initial_stiffness * 1e-6, f"initial, {self._kilonewtons(self.initial_stiffness)}")
+        ]
+        for side in (-1.0, 1.0):
+            x = side * np.array([0.3, 1.0]) * end
+            text = f"final, {self._kilonewtons(self.final_stiffness)} (α = {self.alpha:.3g})"
+            lines.append((x, side * self.yield_force * 1e-3 + x * self.final_stiffness * 1e-6, text))
+        title = "" if self.yielded else "hardly yielded: the final line does not tell α"
+        return loops.loop_and_lines(u, f, lines, title, save=save)
+
+
+def _elastic(u: np.ndarray, part: float) -> Any:
+    """Which samples come before the displacement first leaves this part of its peak."""
+    return np.logical_and.accumulate(np.abs(u) <= part * np.abs(u).max()) & (u != 0.0)
+
+
+def _yielded(u: np.ndarray, part: float) -> Any:
+    """Which samples lie beyond this part of the peak displacement and move away from zero."""
+    return (np.abs(u) > part * np.abs(u).max()) & (u * np.gradient(u) > 0.0)
+
+
+def _initial_slope(u: np.ndarray, f: np.ndarray, part: float) -> float:
+    """k_i [N/m] of f = f_0 + k_i u; NaN for too few samples."""
+    first = _elastic(u, part)
+    if first.sum() < FEWEST:
+        return float("nan")
+    about = u[first] - u[first].mean()
+    return float(about @ f[first] / (about @ about))
+
+
+def _final_line(u: np.ndarray, f: np.ndarray, part: float) -> tuple[float, float]:
+    """k_u [N/m] and f_y [N] of f = ± f_y + k_u u; NaN for too few samples.
+
+    Each side has its own f_y while the slope is fitted, so that a loop that has drifted to one side keeps its slope.
+    """
+    loading = _yielded(u, part)
+    if loading.sum() < FEWEST:
+        return float("nan"), float("nan")
+    sides = [(u[there], f[there]) for there in (loading & (u > 0.0), loading & (u < 0.0)) if there.any()]
+    about = [(x - x.mean(), y) for x, y in sides]
+    final = sum(x @ y for x, y in about) / sum(x @ x for x, _ in about)
+    yield_forces = [np.sign(x[0]) * (y.mean() - final * x.mean()) for x, y in sides]
+    return float(final), float(np.mean(yield_forces))
+
+
+def _asymptote(initial: float, slope: float, yield_force: float, middle: float) -> float:
+    """The slope [N/m] to which the final line's falls, if the loop bends as Bouc and Wen's with an exponent of 1.
+
+    A loop f = α k_i u + (1 - α) k_i z_u (1 - e^{-u/z_u}) has, at u = μ z_u, the tangent k_i (α + (1 - α) e^{-μ}). It meets the
+    initial line at a displacement which is smaller than u by the factor μ (1 - e^{-μ})/(1 - (1 + μ) e^{-μ}), whatever α is.
+    """
+    ratio = middle * (initial - slope) / yield_force if yield_force > 0.0 else 0.0
+    if not ratio > 2.0:  # as for a tangent at zero
+        return float("nan")
+    mu = scipy.optimize.brentq(lambda m: m * (1.0 - np.exp(-m)) / (1.0 - (1.0 + m) * np.exp(-m)) - ratio, 1e-3, ratio)
+    left = np.exp(-mu)
+    return float((slope - left * initial) / (1.0 - left))
+
+
+def _range(slopes: list[float]) -> tuple[float, float]:
+    return float(np.nanmin(slopes)), float(np.nanmax(slopes))
+
+
+def _moments(name: str, interval: tuple[float, float]) -> tuple[float, float]:
+    """Mean and standard deviation of a prior of this interval, which is not too narrow."""
+    mean = 0.5 * (interval[0] + interval[1])
+    return mean, max((interval[1] - interval[0]) / NORMAL_90, SMALLEST_SPREAD[name] * mean)

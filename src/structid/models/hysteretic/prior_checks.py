@@ -1,0 +1,202 @@
+"""Priors that a hysteretic model cannot have: another unit, or values that are not physical."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from structid.core.errors import InputError, StructidWarning
+from structid.core.units import check_power_of_length, factor, factor_of
+from structid.models.hysteretic.hysteretic_parameters import PARAMETER_UNITS, unit_of_shape
+from structid.probability.space import ParameterSpace
+
+PHYSICAL_RANGES: Mapping[str, tuple[float, float]] = {
+    "mass": (0.0, np.inf),
+    "stiffness": (0.0, np.inf),
+    "damping": (0.0, np.inf),
+    "damping_ratio": (0.0, 1.0),
+    "alpha": (0.0, 1.0),
+    "beta": (0.0, np.inf),
+    "exponent": (0.0, np.inf),
+    "amplitude": (0.0, np.inf),
+    "delta_nu": (0.0, np.inf),
+    "delta_eta": (0.0, np.inf),
+    "zeta0": (0.0, 1.0),
+    "p": (0.0, np.inf),
+    "psi0": (0.0, np.inf),
+    "lambda_": (0.0, np.inf),
+}
+"""In SI, ends included."""
+
+DRAWS = 512
+"""Draws of the prior by which it is judged."""
+
+TOLERATED = 0.01
+"""Share of the prior that may lie outside a range: the tail of a normal prior whose bound nobody wrote."""
+
+
+def check_value(where: str, name: str, value: float) -> None:
+    """Refuse a value that is not physical.
+
+    Parameters
+    ----------
+    where : str
+        The argument, for the message.
+    name : str
+        The parameter, without the number of a storey.
+    value : float
+        In SI.
+
+    Raises
+    ------
+    InputError
+        If it lies outside `PHYSICAL_RANGES`.
+    """
+    low, high = PHYSICAL_RANGES.get(name, (-np.inf, np.inf))
+    if not low <= value <= high:
+        share = f"{value:g} % is {value / 100.0:g}." if high == 1.0 and 1.0 < value <= 100.0 else ""
+        raise InputError(where, f"{value:g}", _range_in_words(low, high), share)
+
+
+def check_priors(space: ParameterSpace, free: Sequence[str], model: object) -> None:
+    """Refuse priors in a unit of another dimension, and those of which a good part is not physical. Warn where |γ| > β.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The unknown parameters.
+    free : sequence of str
+        The model's free parameters.
+    model : object
+        What has the others as attributes.
+
+    Raises
+    ------
+    InputError
+        For the first that is wrong.
+    """
+    for name in set(free) & set(space.names):
+        unit, own = PARAMETER_UNITS.get(_plain(name), ""), space.marginals[name].unit
+        if own and _plain(name) in ("beta", "gamma"):
+            _check_unit_of_shape(name, own, _exponent_of(name, free, model))
+        elif own:
+            factor_of(own, unit, f"unit of the prior of '{name}'")
+    draws = space.sample(DRAWS, 0, "sobol")
+    values = dict(zip(free, np.asarray(draws.columns(free)).T, strict=True))
+    for name, value in values.items():
+        low, high = PHYSICAL_RANGES.get(_plain(name), (-np.inf, np.inf))
+        outside = float(np.mean((value < low) | (value > high)))
+        if outside > TOLERATED:
+            raise InputError(
+                f"the prior of '{name}'",
+                f"{outside:.0%} of it lies outside {_range_in_words(low, high)}",
+                f"a prior within {_range_in_words(low, high)}",
+                "Bound it with low and high, and check its unit.",
+            )
+    if asked := unstable_in_words(unstable_share(space, model)):
+        warnings.warn(asked, StructidWarning, stacklevel=2)
+
+
+def _exponent_of(name: str, free: Sequence[str], model: object) -> float | None:
+    """Exponent of the spring that β or γ belongs to; None where it is unknown, or differs between springs that share them."""
+    if any(_plain(other) == "exponent" for other in free):
+        return None
+    exponent = getattr(model, "exponent", 1.0)
+    if not isinstance(exponent, tuple):
+        return float(exponent)
+    number = name.removeprefix(_plain(name)).lstrip("_")
+    return float(exponent[int(number) - 1]) if number else None
+
+
+def _check_unit_of_shape(name: str, own: str, exponent: float | None) -> None:
+    """Refuse another unit of β or γ than m⁻ⁿ: 1/mm would make them 1000 times as large, where it is a million for n = 2."""
+    where = f"unit of the prior of '{name}'"
+    if exponent is not None:
+        factor_of(own, unit_of_shape(exponent), where)
+        return
+    check_power_of_length(own, where)
+    if factor(own) != 1.0:
+        raise InputError(
+            where,
+            f"'{own}' with an exponent that is not one known number",
+            "a prior of plain numbers in m^-n, or '1/m'",
+        )
+
+
+def unstable_share(space: ParameterSpace, model: object) -> float:
+    """Give the share of the prior in which |γ| > β, where the response need not stay bounded.
+
+    Parameters
+    ----------
+    space : ParameterSpace
+        The unknown parameters.
+    model : object
+        What has the others as attributes: numbers, or one for each storey.
+
+    Returns
+    -------
+    float
+        From 0 to 1, of the spring in which it is largest; 0 where γ and β are not both known.
+    """
+    free = [name for name in space.all_names if _plain(name) in _SHAPES]
+    columns = np.asarray(space.sample(DRAWS, 0, "sobol").columns(free)).T if free else ()
+    values = _fixed_shapes(model) | dict(zip(free, columns, strict=True))
+    springs = {name.removeprefix(_plain(name)) for name in values}
+    return max((_unstable_share_of(spring, values) for spring in springs), default=0.0)
+
+
+def unstable_in_words(share: float) -> str:
+    """Ask about a share that is more than a tail.
+
+    Parameters
+    ----------
+    share : float
+        See `unstable_share`.
+
+    Returns
+    -------
+    str
+        Empty if there is nothing to ask.
+    """
+    if share <= TOLERATED:
+        return ""
+    return (
+        f"In {share:.0%} of the prior |gamma| exceeds beta, where the response need not stay bounded. Is that meant? "
+        "gamma_ratio from -1 to 1 keeps it bounded."
+    )
+
+
+_SHAPES = ("beta", "gamma", "gamma_ratio")
+
+
+def _fixed_shapes(model: object) -> dict[str, np.ndarray]:
+    """What of β, γ and γ/β is fixed, by name; numbered where the storeys have their own."""
+    found = {}
+    for name in _SHAPES:
+        value = getattr(model, name, None)
+        if isinstance(value, (int, float)):
+            found[name] = np.array([float(value)])
+        elif isinstance(value, tuple):
+            found |= {f"{name}_{j}": np.array([float(v)]) for j, v in enumerate(value, start=1)}
+    return found
+
+
+def _unstable_share_of(spring: str, values: Mapping[str, np.ndarray]) -> float:
+    beta, gamma, ratio = (values.get(f"{name}{spring}", values.get(name)) for name in _SHAPES)
+    if ratio is not None:
+        return float(np.mean(np.abs(ratio) > 1.0))
+    if beta is not None and gamma is not None:
+        return float(np.mean(np.abs(gamma) > beta))
+    return 0.0
+
+
+def _plain(name: str) -> str:
+    """Name without the number of a storey."""
+    base, _, number = name.rpartition("_")
+    return base if number.isdigit() else name
+
+
+def _range_in_words(low: float, high: float) -> str:
+    return f"{low:g} to {high:g}" if np.isfinite(high) else f"{low:g} and above"

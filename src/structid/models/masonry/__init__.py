@@ -1,0 +1,1 @@
+"""Masonry walls of blocks and cohesive joints."""

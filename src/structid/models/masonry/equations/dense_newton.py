@@ -1,0 +1,377 @@
+"""The wall's equations of motion solved as they are written: dense matrices, Newton iterations, one run at a time.
+
+The reference of the faster formulations, and what a run falls back on where they do not converge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+
+from structid.core.errors import ConvergenceError
+from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
+from structid.models.masonry.finite_elements.assembly import Assembly
+
+TOLERANCE = 1e-10
+"""‖r‖ over ‖p − M ι a_g‖ of a step that has converged."""
+ITERATIONS = 30
+"""Newton iterations of a step before it is cut."""
+LARGEST_CUT = 64
+"""Substeps into which a step is cut at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Forces at a displacement, and their derivative.
+
+    Parameters
+    ----------
+    internal : ndarray, shape (dof,)
+        [N].
+    tangent : matrix, shape (dof, dof)
+        [N/m], not symmetric.
+    joints : ndarray, shape (2 joint,)
+        Forces of the joints on their jumps [N].
+    """
+
+    internal: np.ndarray
+    tangent: Any
+    joints: np.ndarray
+
+
+class Matrices(NamedTuple):
+    """Mass, stiffness of the blocks, jumps, elongations, and the stiffness of blocks and bars together."""
+
+    mass: Any
+    blocks: Any
+    jumps: Any
+    elongations: Any
+    linear: Any
+
+
+@dataclass(frozen=True, eq=False)
+class DenseWall:
+    """A wall with the law of its joints.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Matrices.
+    joint_law : JointLaw
+        What its joints obey.
+    law : CohesiveLaw
+        With which parameters.
+    """
+
+    assembly: Assembly
+    joint_law: JointLaw
+    law: CohesiveLaw
+
+    @property
+    def nothing(self) -> np.ndarray:
+        """What joints remember that have not been loaded, shape (memory, joint)."""
+        return np.zeros((self.joint_law.memories, len(self.assembly.joint_areas)))
+
+    def remembered(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """What the joints remember of a displacement.
+
+        Parameters
+        ----------
+        u : ndarray, shape (dof,)
+            At the end of a step [m].
+        memory : ndarray, shape (memory, joint)
+            Before it.
+
+        Returns
+        -------
+        ndarray, shape (memory, joint)
+            After it.
+        """
+        delta = self.matrices.jumps @ u
+        return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
+
+    def forces(self, u: np.ndarray, memory: np.ndarray) -> Forces:
+        """Internal forces of blocks, bars and joints.
+
+        Parameters
+        ----------
+        u : ndarray, shape (dof,)
+            Displacements [m].
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
+
+        Returns
+        -------
+        Forces
+            And the tangent.
+        """
+        m, areas, bars = self.matrices, self.assembly.joint_areas, self.assembly.bar_stiffness
+        delta = m.jumps @ u
+        response = self.joint_law.respond(self.law, memory, delta[0::2], delta[1::2])
+        force = np.stack([response.normal * areas, response.tangential * areas], axis=1).reshape(-1)
+        blocks = np.array([[response.nn * areas, response.nt * areas], [response.tn * areas, response.tt * areas]])
+        return Forces(
+            m.blocks @ u + m.elongations.T @ (bars * (m.elongations @ u)) + m.jumps.T @ force,
+            m.linear + m.jumps.T @ self.block_diagonal(blocks.transpose(2, 0, 1)) @ m.jumps,
+            force,
+        )
+
+    @cached_property
+    def matrices(self) -> Matrices:
+        """Those of the assembly, as this formulation takes them."""
+        a = self.assembly
+        linear = a.block_stiffness + a.elongations.T @ (a.bar_stiffness[:, None] * a.elongations)
+        return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
+
+    def block_diagonal(self, blocks: np.ndarray) -> Any:
+        """Write blocks on a diagonal.
+
+        Parameters
+        ----------
+        blocks : ndarray, shape (joint, 2, 2)
+            The blocks.
+
+        Returns
+        -------
+        ndarray, shape (2 joint, 2 joint)
+            The matrix.
+        """
+        found = np.zeros((len(blocks), 2, len(blocks), 2))
+        place = np.arange(len(blocks))
+        found[place, :, place, :] = blocks
+        return found.reshape(2 * len(blocks), -1)
+
+    def solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
+        """Solve a linear system.
+
+        Parameters
+        ----------
+        matrix : matrix, shape (dof, dof)
+            Its matrix.
+        right : ndarray, shape (dof,)
+            Its right side.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            Its solution.
+        """
+        return np.linalg.solve(matrix, right)
+
+    def loaded(self) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements under the vertical load, which grows in steps, and what the joints remember of it.
+
+        Returns
+        -------
+        tuple of ndarray, shape (dof,) and (memory, joint)
+            [m].
+
+        Raises
+        ------
+        ConvergenceError
+            If there is no equilibrium.
+        """
+        u, load, memory = np.zeros(len(self.assembly.load)), self.assembly.load, self.nothing
+        steps = self.joint_law.load_steps
+        for step in range(1, steps + 1):
+            wanted = load * step / steps
+            for _ in range(ITERATIONS):
+                forces = self.forces(u, memory)
+                residual = wanted - forces.internal
+                if np.linalg.norm(residual) <= TOLERANCE * np.linalg.norm(wanted):
+                    break
+                u = u + self.solved(forces.tangent, residual)
+            else:
+                raise ConvergenceError(f"the vertical load finds no equilibrium at {step / steps:.0%} of it")
+            memory = self.remembered(u, memory)
+        return u, memory
+
+    def frequencies(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
+        """Natural frequencies of the tangent's symmetric part.
+
+        Parameters
+        ----------
+        u : ndarray, shape (dof,)
+            Displacements at which the tangent is taken.
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            [Hz], from the lowest.
+        """
+        tangent = self.forces(u, memory).tangent
+        squares = self.lowest(0.5 * (tangent + tangent.T))
+        return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
+
+    def lowest(self, stiffness: Any) -> np.ndarray:
+        """Lowest squares of the natural frequencies.
+
+        Parameters
+        ----------
+        stiffness : matrix, shape (dof, dof)
+            Symmetric.
+
+        Returns
+        -------
+        ndarray
+            ω² [1/s²], rising; all of them.
+        """
+        return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
+
+    def rayleigh(
+        self, u: np.ndarray, memory: np.ndarray, ratio: float, modes: tuple[int, int] = (1, 3)
+    ) -> tuple[float, float]:
+        """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω).
+
+        Parameters
+        ----------
+        u : ndarray, shape (dof,)
+            Displacements at which the tangent is taken.
+        memory : ndarray, shape (memory, joint)
+            What the joints remember.
+        ratio : float
+            ζ.
+        modes : tuple of int
+            Numbers of the modes, from 1.
+
+        Returns
+        -------
+        tuple of float
+            a₀ [1/s] and a₁ [s].
+        """
+        one, other = 2.0 * np.pi * self.frequencies(u, memory)[[modes[0] - 1, modes[1] - 1]]
+        return 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """State of a wall at an instant.
+
+    Parameters
+    ----------
+    u, v, a : ndarray, shape (dof,)
+        Displacement [m], velocity [m/s] and acceleration [m/s²], relative to the base.
+    memory : ndarray, shape (memory, joint)
+        What the joints remember.
+    """
+
+    u: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    memory: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class DenseHistory:
+    """What becomes of a wall under a record.
+
+    Parameters
+    ----------
+    u, v, a : ndarray, shape (time, dof)
+        From the loaded wall on.
+    memory : ndarray, shape (time, memory, joint)
+        What the joints remember.
+    joints : ndarray, shape (time, 2 joint)
+        Forces of the joints [N].
+    base : ndarray, shape (time,)
+        Acceleration of the base [m/s²].
+    damping : matrix, shape (dof, dof)
+        C.
+    converged : bool
+        Whether it went to the end.
+    """
+
+    u: np.ndarray = field(repr=False)
+    v: np.ndarray = field(repr=False)
+    a: np.ndarray = field(repr=False)
+    memory: np.ndarray = field(repr=False)
+    joints: np.ndarray = field(repr=False)
+    base: np.ndarray = field(repr=False)
+    damping: Any = field(repr=False)
+    converged: bool
+
+
+def simulate(
+    wall: DenseWall, base: np.ndarray, dt: float, ratio: float = 0.03, damping: Any | None = None
+) -> DenseHistory:
+    """Integrate M u″ + C u′ + f(u) = p − M ι a_g by Newmark's average acceleration with Newton iterations.
+
+    Parameters
+    ----------
+    wall : DenseWall
+        The wall.
+    base : ndarray, shape (time,)
+        Acceleration of the base at every step [m/s²].
+    dt : float
+        Step [s].
+    ratio : float
+        Damping ratio of modes 1 and 3 of the loaded tangent.
+    damping : matrix, shape (dof, dof), optional
+        C itself.
+
+    Returns
+    -------
+    DenseHistory
+        As far as it converged.
+    """
+    a = wall.assembly
+    u, memory = wall.loaded()
+    if damping is None:
+        a_0, a_1 = wall.rayleigh(u, memory, ratio)
+        tangent = wall.forces(u, memory).tangent
+        damping = a_0 * wall.matrices.mass + 0.5 * a_1 * (tangent + tangent.T)
+    mass = wall.matrices.mass
+    inertia = mass @ a.horizontal
+    forces = wall.forces(u, memory)
+    pushed = wall.solved(mass, a.load - inertia * base[0] - forces.internal)
+    motion = Motion(u, np.zeros_like(u), pushed, memory)
+    kept = [(motion.u, motion.v, motion.a, motion.memory, forces.joints)]
+    for before, after in pairwise(base):
+        found = _step(wall, damping, inertia, motion, before, after, dt)
+        if found is None:
+            break
+        motion = found
+        kept.append((motion.u, motion.v, motion.a, motion.memory, wall.forces(motion.u, motion.memory).joints))
+    us, vs, accelerations, memories, joints = (np.array(column) for column in zip(*kept, strict=True))
+    return DenseHistory(us, vs, accelerations, memories, joints, base[: len(us)], damping, len(us) == len(base))
+
+
+def _step(
+    wall: DenseWall, damping: Any, inertia: np.ndarray, motion: Motion, before: float, after: float, dt: float
+) -> Motion | None:
+    """One step; cut into 2, 4, … parts where it does not converge, None where that does not help."""
+    cut = 1
+    while cut <= LARGEST_CUT:
+        found: Motion | None = motion
+        for part in range(1, cut + 1):
+            if found is not None:
+                load = wall.assembly.load - inertia * (before + (after - before) * part / cut)
+                found = _newton(wall, damping, load, found, dt / cut)
+        if found is not None:
+            return found
+        cut *= 2
+    return None
+
+
+def _newton(wall: DenseWall, damping: Any, load: np.ndarray, start: Motion, dt: float) -> Motion | None:
+    """Average acceleration: u′ = 2/Δt (u − u₀) − u₀′ and u″ = 4/Δt² (u − u₀) − 4/Δt u₀′ − u₀″."""
+    mass, limit = wall.matrices.mass, TOLERANCE * np.linalg.norm(load)
+    at = replace(start, v=-start.v, a=-4.0 / dt * start.v - start.a)  # where u has not moved yet
+    for _ in range(ITERATIONS):
+        forces = wall.forces(at.u, start.memory)
+        residual = load - mass @ at.a - damping @ at.v - forces.internal
+        size = np.linalg.norm(residual)
+        if size <= limit:
+            return replace(at, memory=wall.remembered(at.u, start.memory))
+        if not np.isfinite(size):
+            return None
+        move = wall.solved(4.0 / dt**2 * mass + 2.0 / dt * damping + forces.tangent, residual)
+        at = Motion(at.u + move, at.v + 2.0 / dt * move, at.a + 4.0 / dt**2 * move, start.memory)
+    return None

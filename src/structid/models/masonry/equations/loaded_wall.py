@@ -1,0 +1,136 @@
+"""The wall at rest under its vertical load: displacements, natural frequencies, Rayleigh damping."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax import lax
+
+from structid.engine.device import jnp
+from structid.mechanics.cohesive_laws import CohesiveLaw
+from structid.models.masonry.equations.condensed import Condensed
+
+ITERATIONS = 25
+"""Newton iterations of a load step at most."""
+TOLERANCE = 1e-12
+"""‖r‖ over ‖p‖ of a wall in equilibrium."""
+
+
+class Loaded(NamedTuple):
+    """A wall at rest under its vertical load, and what its motion needs.
+
+    Parameters
+    ----------
+    q : array, shape (mode, run)
+        Modal displacements.
+    a_0, a_1 : array, shape (run,)
+        Rayleigh's coefficients [1/s] and [s].
+    memory : array, shape (memory, joint, run)
+        What the joints remember.
+    tangent : array, shape (pair, 2, 2, run)
+        D₀, the symmetric part of the tangent of joints and short bars [N/m].
+    """
+
+    q: Any
+    a_0: Any
+    a_1: Any
+    memory: Any
+    tangent: Any
+
+
+def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tuple[int, int] = (1, 3)) -> Loaded:
+    """Load the wall, and find its Rayleigh damping there: ζ = ½ (a₀/ω + a₁ ω) in two modes.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    law : CohesiveLaw
+        Parameters of the joints.
+    runs : int
+        Number of runs.
+    ratio : float
+        ζ.
+    modes : tuple of int
+        Numbers of the modes, from 1.
+
+    Returns
+    -------
+    Loaded
+        Of every run.
+    """
+    q, memory = jnp.zeros((len(wall.squares), runs)), jnp.zeros((wall.joint_law.memories, wall.joints, runs))
+    held = jax.tree.map(lax.stop_gradient, law)
+    steps = wall.joint_law.load_steps
+    for step in range(1, steps + 1):
+        q = _in_equilibrium(wall, held, memory, q, step / steps)
+        memory = wall.remembered(held, memory, wall.jump_rows @ q) if step < steps else memory
+    # One iteration from where it has converged: it has the exact derivatives of the implicit function.
+    q = _iterated(wall, law, memory, lax.stop_gradient(q), 1.0)
+    memory = wall.remembered(law, memory, wall.jump_rows @ q)
+    at_rest = _stiffness(wall, law, memory, q)
+    omega = jnp.sqrt(jnp.linalg.eigvalsh(0.5 * (at_rest + at_rest.transpose(0, 2, 1))))
+    one, other = omega[:, modes[0] - 1], omega[:, modes[1] - 1]
+    tangent = wall.forces(law, memory, wall.jump_rows @ q)[1]
+    a_0, a_1 = 2.0 * ratio * one * other / (one + other), 2.0 * ratio / (one + other)
+    return Loaded(q, a_0, a_1, memory, 0.5 * (tangent + tangent.transpose(0, 2, 1, 3)))
+
+
+def frequencies(wall: Condensed, law: CohesiveLaw) -> np.ndarray:
+    """Natural frequencies of the loaded wall.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    law : CohesiveLaw
+        Parameters of the joints, of one run.
+
+    Returns
+    -------
+    ndarray, shape (dof,)
+        [Hz], from the lowest.
+    """
+    at_rest = loaded(wall, law, 1, 0.0)
+    tangent = np.asarray(_stiffness(wall, law, at_rest.memory, at_rest.q))[0]
+    squares = np.linalg.eigvalsh(0.5 * (tangent + tangent.T))
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi))
+
+
+def _in_equilibrium(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:
+    """Modal displacements under a share of the vertical load, by Newton iterations."""
+    limit = TOLERANCE * share * float(np.linalg.norm(wall.load))
+
+    def missed(q: Any) -> Any:
+        return jnp.linalg.norm(_out_of_balance(wall, law, memory, q, share), axis=0) > limit
+
+    def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+        q, going, count = carried
+        moved = jnp.where(going, _iterated(wall, law, memory, q, share), q)
+        return moved, missed(moved), count + 1
+
+    # Whether a run goes on is carried, not found again by the condition: mapped over runs, JAX works a condition out twice, and
+    # two roundings of a residual at its limit would let the loop go on for ever while nothing moves.
+    found, _, _ = lax.while_loop(
+        lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS), iterate, (q, missed(q), 0)
+    )
+    return found
+
+
+def _out_of_balance(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:
+    force, _ = wall.forces(law, memory, wall.jump_rows @ q)
+    return share * wall.load[:, None] - wall.squares[:, None] * q - wall.jump_rows.T @ force
+
+
+def _stiffness(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any) -> Any:
+    """Λ + Vᵀ D V, shape (run, mode, mode)."""
+    rows, tangent = wall.jump_rows, wall.forces(law, memory, wall.jump_rows @ q)[1]
+    spread = jnp.einsum("gabr,gbm->rgam", tangent, rows.reshape(-1, 2, rows.shape[1]))
+    return jnp.diag(wall.squares) + jnp.einsum("jm,rjn->rmn", rows, spread.reshape(-1, *rows.shape))
+
+
+def _iterated(wall: Condensed, law: CohesiveLaw, memory: Any, q: Any, share: float) -> Any:
+    right = _out_of_balance(wall, law, memory, q, share).T[:, :, None]
+    return q + jnp.linalg.solve(_stiffness(wall, law, memory, q), right)[:, :, 0].T

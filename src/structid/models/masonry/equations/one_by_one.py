@@ -1,0 +1,116 @@
+"""Runs of a large wall one after another, by sparse factors, and what is recorded of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.errors import ConvergenceError, Status
+from structid.core.progress import Progress
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.mechanics.cohesive_laws import CohesiveLaw
+from structid.models.masonry.equations.condensed import Condensed
+from structid.models.masonry.equations.dense_newton import DenseHistory, DenseWall, simulate
+from structid.models.masonry.equations.loaded_wall import Loaded
+from structid.models.masonry.equations.sparse_newton import SparseWall
+from structid.models.masonry.equations.wall_channels import WallChannels, Works
+from structid.models.masonry.equations.wall_motion import WallState
+
+
+def runs_one_by_one(
+    condensed: Condensed,
+    laws: list[tuple[CohesiveLaw, float]],
+    channels: tuple[str, ...],
+    excitation: Excitation,
+    substeps: int,
+    progress: Progress | None = None,
+) -> Histories:
+    """Run a wall with several laws of its joints.
+
+    Parameters
+    ----------
+    condensed : Condensed
+        The wall.
+    laws : list of tuple of CohesiveLaw and float
+        Parameters of the joints of each run, and its damping ratio.
+    channels : tuple of str
+        What to record.
+    excitation : Excitation
+        A ground motion.
+    substeps : int
+        Steps in a sample.
+    progress : callable, optional
+        Called with the number of finished runs and the total.
+
+    Returns
+    -------
+    Histories
+        A run without equilibrium keeps what came before.
+    """
+    stages = excitation.stage_values(substeps)
+    base, dt = np.append(stages[:, :, 0].ravel(), stages[-1, -1, 2]), excitation.dt / substeps
+    values = np.full((len(laws), len(excitation), len(channels)), np.nan)
+    status, time = np.full(len(laws), Status.DONE), np.full(len(laws), np.nan)
+    for run, (law, ratio) in enumerate(laws):
+        wall = SparseWall(condensed.assembly, condensed.joint_law, law)
+        try:
+            history = simulate(wall, base, dt, ratio)
+        except ConvergenceError:  # it does not carry its load
+            status[run], time[run] = Status.DIVERGED, 0.0
+        else:
+            seen = recorded(condensed, wall, history, channels, dt, ratio)[::substeps]
+            values[run, : len(seen)] = seen
+            if not history.converged:
+                status[run], time[run] = Status.DIVERGED, len(history.u) * dt
+        if progress is not None:
+            progress(run + 1, len(laws))
+    return Histories(values, excitation.dt, channels, status, time, excitation.name, ("",) * len(laws))
+
+
+def recorded(
+    condensed: Condensed, wall: DenseWall, history: DenseHistory, channels: tuple[str, ...], dt: float, ratio: float
+) -> np.ndarray:
+    """Channels of a history, all instants at once, as if each were a run.
+
+    Parameters
+    ----------
+    condensed : Condensed
+        The wall.
+    wall : DenseWall
+        The same with the law of its joints.
+    history : DenseHistory
+        Its motion.
+    channels : tuple of str
+        What to record.
+    dt : float
+        Step [s].
+    ratio : float
+        Damping ratio.
+
+    Returns
+    -------
+    ndarray, shape (time, channel)
+        In SI.
+    """
+    modal = condensed.shapes.T @ wall.matrices.mass
+    q, rate, acceleration = (modal @ series.T for series in (history.u, history.v, history.a))
+    jumps, jump_rate = condensed.jump_rows @ q, condensed.jump_rows @ rate
+    memory = history.memory.transpose(1, 2, 0)
+    states = WallState(q, rate, acceleration, jumps, jumps, jumps, jump_rate, memory, np.ones(q.shape[1], dtype=bool))
+    at_rest = _at_rest(condensed, wall, q[:, :1], memory[:, :, :1], history, ratio)
+    seen = WallChannels(condensed, channels, wall.law, at_rest, dt)
+    works = Works(*np.zeros((3, q.shape[1])))
+    if seen.added_up and q.shape[1] > 1:
+        before, after = (WallState(*(x[..., part] for x in states)) for part in (slice(None, -1), slice(1, None)))
+        nothing = Works(*np.zeros((3, q.shape[1] - 1)))
+        steps = seen.added(nothing, before, after, (history.base[:-1], history.base[1:]))
+        works = Works(*(np.concatenate([[0.0], np.cumsum(np.asarray(part))]) for part in steps))
+    return np.asarray(seen.observe(states, works, history.base)).T
+
+
+def _at_rest(
+    condensed: Condensed, wall: DenseWall, q: np.ndarray, memory: np.ndarray, history: DenseHistory, ratio: float
+) -> Loaded:
+    a_0, a_1 = wall.rayleigh(history.u[0], history.memory[0], ratio)
+    tangent = np.asarray(condensed.forces(wall.law, memory, condensed.jump_rows @ q)[1])
+    return Loaded(q, np.array([a_0]), np.array([a_1]), memory, 0.5 * (tangent + tangent.transpose(0, 2, 1, 3)))

@@ -1,0 +1,92 @@
+"""The wall's equations of motion with sparse matrices, one run at a time: for walls of more blocks than lanes serve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import scipy
+
+from structid.models.masonry.equations.dense_newton import DenseWall, Matrices
+
+MODES = 6
+"""Natural frequencies that are looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparseWall(DenseWall):
+    """A wall whose matrices have their zeros left out; see `DenseWall`.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        Matrices.
+    joint_law : JointLaw
+        What its joints obey.
+    law : CohesiveLaw
+        With which parameters.
+    """
+
+    @cached_property
+    def matrices(self) -> Matrices:
+        """Those of the assembly; see `DenseWall.matrices`."""
+        a = self.assembly
+        bars = a.sparse_elongations
+        linear = a.sparse_block_stiffness + bars.T @ scipy.sparse.diags_array(a.bar_stiffness) @ bars
+        return Matrices(a.sparse_mass, a.sparse_block_stiffness, a.sparse_jumps, bars, linear)
+
+    def block_diagonal(self, blocks: np.ndarray) -> Any:
+        """Write blocks on a diagonal; see `DenseWall.block_diagonal`.
+
+        Parameters
+        ----------
+        blocks : ndarray, shape (joint, 2, 2)
+            The blocks.
+
+        Returns
+        -------
+        sparse array, shape (2 joint, 2 joint)
+            The matrix.
+        """
+        count = len(blocks)
+        return scipy.sparse.bsr_array(
+            (blocks, np.arange(count), np.arange(count + 1)), shape=(2 * count, 2 * count)
+        ).tocsr()
+
+    def solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
+        """Solve a linear system by SuperLU; see `DenseWall.solved`.
+
+        Parameters
+        ----------
+        matrix : sparse array, shape (dof, dof)
+            Its matrix, of symmetric pattern.
+        right : ndarray, shape (dof,)
+            Its right side.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            Its solution.
+        """
+        factors = scipy.sparse.linalg.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return np.asarray(factors.solve(right))
+
+    def lowest(self, stiffness: Any) -> np.ndarray:
+        """Lowest squares of the natural frequencies; see `DenseWall.lowest`.
+
+        Parameters
+        ----------
+        stiffness : sparse array, shape (dof, dof)
+            Symmetric.
+
+        Returns
+        -------
+        ndarray
+            ω² [1/s²], rising; a few of them.
+        """
+        found = scipy.sparse.linalg.eigsh(
+            stiffness.tocsc(), k=MODES, M=self.matrices.mass.tocsc(), sigma=0.0, return_eigenvectors=False
+        )
+        return np.asarray(np.sort(found))

@@ -1,0 +1,225 @@
+"""The wall in motion: average acceleration with Newton iterations on the jumps of its joints; see `condensed`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax import lax
+
+from structid.engine.device import jnp
+from structid.mechanics.cohesive_laws import CohesiveLaw
+from structid.models.masonry.equations.condensed import Condensed
+from structid.models.masonry.equations.loaded_wall import Loaded
+
+ITERATIONS = 25
+"""Newton iterations of a step at most."""
+TOLERANCE = 1e-13
+"""Change of a jump [m] over one metre and the largest jump, at which iterations end."""
+
+
+class WallState(NamedTuple):
+    """State of a wall between two steps; shapes (mode, run) and (jump, run).
+
+    Parameters
+    ----------
+    q, rate, acceleration : array
+        Modal displacements and their derivatives.
+    jumps, before, long_before : array
+        Jumps now and at the two steps before, from which the next are guessed.
+    jump_rate : array
+        δ′.
+    memory : array, shape (memory, joint, run)
+        What the joints remember.
+    converged : array of bool, shape (run,)
+        Whether every step has converged.
+    """
+
+    q: Any
+    rate: Any
+    acceleration: Any
+    jumps: Any
+    before: Any
+    long_before: Any
+    jump_rate: Any
+    memory: Any
+    converged: Any
+
+
+class Fixed(NamedTuple):
+    """What a step needs that is the same in all steps.
+
+    Parameters
+    ----------
+    law : CohesiveLaw
+        Parameters of the joints.
+    compliance : array
+        Blocks of F.
+    dashpots : array, shape (pair, 2, 2, run)
+        a₁ D₀ [N s/m].
+    """
+
+    law: CohesiveLaw
+    compliance: Any
+    dashpots: Any
+
+
+class Unknown(NamedTuple):
+    """What the jumps of a step depend on.
+
+    Parameters
+    ----------
+    fixed : Fixed
+        What is the same in all steps.
+    memory : array, shape (memory, joint, run)
+        What the joints remember.
+    free : array, shape (jump, run)
+        δ_free = V W b, the jumps without forces of the joints.
+    before : array, shape (jump, run)
+        2/Δt δ₀ + δ₀′.
+    """
+
+    fixed: Fixed
+    memory: Any
+    free: Any
+    before: Any
+
+
+def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:
+    """State at rest, with the acceleration that equilibrium with the base's first one asks for.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    loaded : Loaded
+        At rest under its load.
+    base : float
+        Acceleration of the base [m/s²].
+
+    Returns
+    -------
+    WallState
+        Before the first step.
+    """
+    jumps = wall.jump_rows @ loaded.q
+    still, nothing = jnp.zeros_like(loaded.q), jnp.zeros_like(jumps)
+    pushed = jnp.broadcast_to(-wall.inertia[:, None] * base, loaded.q.shape)
+    converged = jnp.ones(loaded.q.shape[1], dtype=bool)
+    return WallState(loaded.q, still, pushed, jumps, jumps, jumps, nothing, loaded.memory, converged)
+
+
+def stepping(wall: Condensed, law: CohesiveLaw, loaded: Loaded, dt: float) -> Callable[[WallState, Any], WallState]:
+    """Give the step of average acceleration.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    law : CohesiveLaw
+        Parameters of the joints.
+    loaded : Loaded
+        The wall under its load, with its damping.
+    dt : float
+        Step [s].
+
+    Returns
+    -------
+    callable
+        ``step(state, base)``: the state after the step, at whose end the base accelerates by `base`.
+    """
+    squares, two = wall.squares[:, None], 2.0 / dt
+    own_damping = loaded.a_0 + loaded.a_1 * squares  # of a block's mode, a₀ + a₁ λ
+    weights = 1.0 / (two**2 + two * own_damping + squares)
+    fixed = Fixed(law, wall.compliance(weights), loaded.a_1 * loaded.tangent)
+    solved = jump_solver(wall, two)
+
+    def step(state: WallState, base: Any) -> WallState:
+        pushed = (
+            wall.load[:, None] - wall.inertia[:, None] * base
+            + two**2 * state.q + 2.0 * two * state.rate + state.acceleration
+            + own_damping * (two * state.q + state.rate)
+        )  # fmt: skip
+        before = two * state.jumps + state.jump_rate
+        unknown = Unknown(fixed, state.memory, wall.opening.times(weights * pushed), before)
+        guess = 3.0 * (state.jumps - state.before) + state.long_before
+        jumps, force, going = solved(unknown, lax.stop_gradient(guess), state.converged)
+        # What has not converged is nobody's response.
+        q = jnp.where(going, jnp.nan, weights * (pushed - wall.pushing.times(force)))
+        rate = two * (q - state.q) - state.rate
+        return WallState(
+            q,
+            rate,
+            two * (rate - state.rate) - state.acceleration,
+            jumps,
+            state.jumps,
+            state.before,
+            two * jumps - before,
+            wall.remembered(law, state.memory, jumps),
+            state.converged & ~going,
+        )
+
+    return step
+
+
+def jump_solver(wall: Condensed, two: float) -> Callable[[Unknown, Any, Any], tuple[Any, Any, Any]]:
+    """Give the solution of δ = δ_free − F g(δ), with its forces and the runs whose iterations are still going on.
+
+    Its derivatives are those of the implicit function: with R = δ − δ_free + F g, δ̇ = −(I + F G)⁻¹ Ṙ at fixed δ.
+
+    Parameters
+    ----------
+    wall : Condensed
+        The wall.
+    two : float
+        2/Δt [1/s]; 0 where nothing moves.
+
+    Returns
+    -------
+    callable
+        ``solved(unknown, guess, going)``: jumps, forces, and the runs that have not converged.
+    """
+
+    def forces(unknown: Unknown, jumps: Any) -> tuple[Any, Any]:
+        """Forces g with the dashpots', and their tangent G."""
+        fixed = unknown.fixed
+        force, tangent = wall.forces(fixed.law, unknown.memory, jumps)
+        rate = (two * jumps - unknown.before).reshape(-1, 2, jumps.shape[1])
+        damped = jnp.einsum("gabr,gbr->gar", fixed.dashpots, rate).reshape(jumps.shape)
+        return force + damped, tangent + two * fixed.dashpots
+
+    def missed(unknown: Unknown, jumps: Any) -> Any:
+        return jumps - unknown.free + wall.pattern.times(unknown.fixed.compliance, forces(unknown, jumps)[0])
+
+    def moved(unknown: Unknown, jumps: Any, right: Any) -> Any:
+        return wall.pattern.solve_one_plus(unknown.fixed.compliance, forces(unknown, jumps)[1], right)
+
+    def iterated(unknown: Unknown, guess: Any, converged: Any) -> tuple[Any, Any]:
+        def iterate(carried: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+            jumps, going, count = carried
+            move = moved(unknown, jumps, missed(unknown, jumps))
+            near = jnp.max(jnp.abs(move), axis=0) <= TOLERANCE * (1.0 + jnp.max(jnp.abs(jumps), axis=0))
+            return jnp.where(going, jumps - move, jumps), going & ~near, count + 1.0
+
+        jumps, going, _ = lax.while_loop(
+            lambda carried: jnp.any(carried[1]) & (carried[2] < ITERATIONS), iterate, (guess, converged, 0.0)
+        )
+        return jumps, going
+
+    implicit = jax.custom_jvp(iterated)
+
+    def with_slope(primals: Any, tangents: Any) -> Any:
+        unknown = primals[0]
+        jumps, going = implicit(*primals)
+        _, slope = jax.jvp(lambda u: missed(u, jumps), (unknown,), (tangents[0],))
+        return (jumps, going), (-moved(unknown, jumps, slope), np.zeros(going.shape, dtype=jax.dtypes.float0))
+
+    implicit.defjvp(with_slope)
+
+    def solved(unknown: Unknown, guess: Any, converged: Any) -> tuple[Any, Any, Any]:
+        jumps, going = implicit(unknown, guess, converged)
+        return jumps, forces(unknown, jumps)[0], going
+
+    return solved

@@ -1,0 +1,1 @@
+"""The finite element model of a wall: layout, mesh, elements, assembly."""

@@ -1,0 +1,234 @@
+"""How a wall is cut into blocks: bays beside its openings, courses in each bay, lines on which blocks meet."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.validation import check_arguments
+
+TOLERANCE = 1e-9
+"""Lengths [m] that differ by less are the same."""
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Opening:
+    """A door or a window.
+
+    Parameters
+    ----------
+    left, bottom : float
+        Of its lower left corner [m].
+    width, height : float
+        [m].
+    """
+
+    left: float
+    bottom: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        """Its right edge [m]."""
+        return self.left + self.width
+
+    @property
+    def top(self) -> float:
+        """Its lintel [m]."""
+        return self.bottom + self.height
+
+    def holds(self, x: float, y: float) -> bool:
+        """Whether a point is inside.
+
+        Parameters
+        ----------
+        x, y : float
+            The point [m].
+
+        Returns
+        -------
+        bool
+            False on its edges.
+        """
+        return self.left + TOLERANCE < x < self.right - TOLERANCE and self.bottom + TOLERANCE < y < self.top - TOLERANCE
+
+    def __str__(self) -> str:
+        return f"the opening from ({self.left:g}, {self.bottom:g}) to ({self.right:g}, {self.top:g}) m"
+
+
+DOOR = Opening(left=1.2, bottom=0.0, width=0.9, height=1.6)
+"""Of the source's façade."""
+
+
+class Block(NamedTuple):
+    """A rectangle of masonry [m], and its name such as ``"bay 1, course 2"``.
+
+    Parameters
+    ----------
+    left, bottom, right, top : float
+        Its edges.
+    name : str
+        Where it is.
+    """
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+    name: str
+
+
+@check_arguments
+@dataclass(frozen=True)
+class Wall:
+    """A wall with openings, laid in courses.
+
+    Edges and middles of the openings cut the wall into columns, their sills and lintels into zones. In a zone every run of columns
+    that no opening interrupts is a bay. A bay has courses of equal height, and every course a block for each column.
+
+    Parameters
+    ----------
+    width, height, thickness : float
+        [m].
+    openings : sequence of Opening
+        Doors and windows; the source's door when left out.
+    courses : sequence of int or of sequence of int, optional
+        For every zone from below the number of courses: one for all of its bays, or one for each from the left. By default as
+        many as make them `course_height` high.
+    course_height : float
+        Height of a course [m] where `courses` is left out; every zone must be a whole number of them.
+    block_length : float, optional
+        Longest block [m]; longer columns are cut into equal parts.
+
+    Examples
+    --------
+    >>> facade = Wall(width=2.7, height=2.6, openings=(DOOR,), courses=((4, 3), 2))
+    >>> len(facade.blocks)
+    15
+    """
+
+    width: float = 2.7
+    height: float = 2.6
+    thickness: float = 0.15
+    openings: Sequence[Opening] = (DOOR,)
+    courses: Sequence[int | Sequence[int]] | None = None
+    course_height: float = 0.2
+    block_length: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("width", "height", "thickness", "course_height"):
+            if not getattr(self, name) > 0.0:
+                raise InputError(f"Wall.{name}", f"{getattr(self, name):g}", "a positive length in metres")
+        for number, opening in enumerate(self.openings):
+            self._check_opening(opening, self.openings[:number])
+        if self.courses is not None and len(self.courses) != len(self.zones):
+            raise InputError(
+                "Wall.courses",
+                f"{len(self.courses)} numbers",
+                f"one for each of the {len(self.zones)} zones, which end at {', '.join(f'{top:g}' for _, top in self.zones)} m",
+            )
+        for zone in range(len(self.zones)):
+            self._courses_of(zone)
+
+    def _check_opening(self, opening: Opening, others: Sequence[Opening]) -> None:
+        if not (opening.width > 0.0 and opening.height > 0.0):
+            raise InputError("Wall.openings", f"{opening}", "an opening with a positive width and height")
+        inside = opening.left >= 0.0 and opening.right <= self.width and opening.bottom >= 0.0
+        if not (inside and opening.top <= self.height) or opening.width >= self.width - TOLERANCE:
+            cure = f"The wall is {self.width:g} m wide and {self.height:g} m high."
+            raise InputError("Wall.openings", f"{opening} does not fit", "openings inside the wall", cure)
+        for other in others:
+            beside = opening.right <= other.left + TOLERANCE or other.right <= opening.left + TOLERANCE
+            above = opening.top <= other.bottom + TOLERANCE or other.top <= opening.bottom + TOLERANCE
+            if not (beside or above):
+                raise InputError("Wall.openings", f"{opening} overlaps {other}", "openings that do not overlap")
+
+    @property
+    def zones(self) -> list[tuple[float, float]]:
+        """Bottom and top [m] of the heights between sills and lintels, from below."""
+        return list(pairwise(_distinct([0.0, self.height, *(y for o in self.openings for y in (o.bottom, o.top))])))
+
+    @property
+    def columns(self) -> list[tuple[float, float]]:
+        """Left and right end [m] of the widths between edges and middles of openings, cut to `block_length`."""
+        edges = [x for o in self.openings for x in (o.left, 0.5 * (o.left + o.right), o.right)]
+        lines = [0.0, self.width]
+        for left, right in pairwise(_distinct([*lines, *edges])):
+            parts = 1 if self.block_length is None else int(np.ceil((right - left) / self.block_length - TOLERANCE))
+            lines += list(np.linspace(left, right, parts + 1))
+        return list(pairwise(_distinct(lines)))
+
+    def bays(self, zone: int) -> list[list[tuple[float, float]]]:
+        """Runs of columns that no opening interrupts.
+
+        Parameters
+        ----------
+        zone : int
+            Its number from below, from 0.
+
+        Returns
+        -------
+        list of list of tuple of float
+            The columns of every bay, from the left.
+        """
+        found: list[list[tuple[float, float]]] = []
+        middle, open_before = 0.5 * sum(self.zones[zone]), True
+        for left, right in self.columns:
+            is_open = any(opening.holds(0.5 * (left + right), middle) for opening in self.openings)
+            if not is_open:
+                found = [*found, []] if open_before else found
+                found[-1].append((left, right))
+            open_before = is_open
+        return found
+
+    def _courses_of(self, zone: int) -> list[int]:
+        """Number of courses of every bay of a zone."""
+        (bottom, top), bays = self.zones[zone], len(self.bays(zone))
+        if self.courses is None:
+            count = (top - bottom) / self.course_height
+            if abs(count - round(count)) > 1e-6 or round(count) < 1:
+                raise InputError(
+                    "Wall.course_height",
+                    f"{self.course_height:g} m: a course does not meet {top:g} m, {count:.2f} courses from {bottom:g} m",
+                    "a height that divides every zone between sills and lintels",
+                    "Or give the courses of each zone: Wall(courses=((4, 3), 2)).",
+                )
+            return [round(count)] * bays
+        given = self.courses[zone]
+        numbers = [given] * bays if isinstance(given, (int, np.integer)) else list(np.atleast_1d(given))
+        if len(numbers) != bays or any(not isinstance(n, (int, np.integer)) or n < 1 for n in numbers):
+            allowed = f"a whole number from 1, or {bays} of them: so many bays lie between {bottom:g} and {top:g} m"
+            raise InputError("Wall.courses", f"{given!r} in zone {zone + 1}", allowed)
+        return [int(n) for n in numbers]
+
+    @property
+    def blocks(self) -> list[Block]:
+        """All blocks: zone by zone from below, bay by bay from the left, course by course, block by block."""
+        found = []
+        for zone, (bottom, top) in enumerate(self.zones):
+            for bay, (columns, count) in enumerate(zip(self.bays(zone), self._courses_of(zone), strict=True), start=1):
+                heights = np.linspace(bottom, top, count + 1)
+                for course, (low, high) in enumerate(pairwise(heights), start=1):
+                    for number, (left, right) in enumerate(columns, start=1):
+                        where = f"zone {zone + 1}, bay {bay}, course {course}" + (
+                            f", block {number}" if len(columns) > 1 else ""
+                        )
+                        found.append(Block(left, float(low), right, float(high), where))
+        return found
+
+
+def _distinct(values: Sequence[float]) -> list[float]:
+    """Values in order, without those that are the same within rounding."""
+    ordered = np.sort(np.array(values))
+    return [float(v) for v in ordered[np.concatenate([[True], np.diff(ordered) > TOLERANCE])]]
+
+
+FACADE = Wall(courses=((4, 3), 2))
+"""The source's."""

@@ -1,0 +1,238 @@
+"""Nodes, blocks, joints and bars of a wall, as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.errors import InputError, check_choice
+from structid.models.masonry.finite_elements.layout import TOLERANCE, Block, Wall
+
+SHORT_BAR = 0.02
+"""Length [m] whose stiffness a bar has that joins two nodes at one place."""
+
+
+class Joint(NamedTuple):
+    """A point where two faces of blocks touch.
+
+    Parameters
+    ----------
+    lower, upper : tuple of int
+        The two nodes at the ends of the face of the lower or left block, and of the upper or right one. −1 is the ground.
+    weights : tuple of float
+        Shares of the two ends in the displacement of the point.
+    normal : tuple of float
+        From the lower to the upper block, or from the left to the right one.
+    area : float
+        [m²].
+    place : tuple of float
+        The point [m].
+    name : str
+        Such as ``"between zone 1, bay 1, course 1 and zone 1, bay 1, course 2, left"``.
+    """
+
+    lower: tuple[int, int]
+    upper: tuple[int, int]
+    weights: tuple[float, float]
+    normal: tuple[float, float]
+    area: float
+    place: tuple[float, float]
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A wall in numbers.
+
+    Parameters
+    ----------
+    wall : Wall
+        From which it was made.
+    nodes : ndarray, shape (node, 2)
+        Places [m]; each block has its own four.
+    blocks : ndarray of int, shape (block, 4)
+        Nodes of every block, counterclockwise from the lower left.
+    block_names : tuple of str
+        Where they are.
+    joints : tuple of Joint
+        All joints.
+    bars : ndarray of int, shape (bar, 2)
+        Nodes of the loading beam's bars, from the left.
+    bar_lengths : ndarray, shape (bar,)
+        [m]; `SHORT_BAR` where both nodes are at one place.
+    fixed : ndarray of int, shape (node,)
+        Nodes that do not move.
+    """
+
+    wall: Wall
+    nodes: np.ndarray = field(repr=False)
+    blocks: np.ndarray = field(repr=False)
+    block_names: tuple[str, ...] = field(repr=False)
+    joints: tuple[Joint, ...] = field(repr=False)
+    bars: np.ndarray = field(repr=False)
+    bar_lengths: np.ndarray = field(repr=False)
+    fixed: np.ndarray = field(repr=False)
+
+    @property
+    def free(self) -> np.ndarray:
+        """Degrees of freedom that move: 2 i is the horizontal one of node i, 2 i + 1 the vertical one."""
+        return np.setdiff1d(np.arange(2 * len(self.nodes)), np.concatenate([2 * self.fixed, 2 * self.fixed + 1]))
+
+    @property
+    def support(self) -> np.ndarray:
+        """Opening and slip [m] at which each joint has lost what lies on it, shape (joint, 2).
+
+        A bed joint has when it has slid by half its length, or opened by half the block on it; a joint between neighbours carries
+        nothing, and its limits are infinite.
+        """
+        found = np.full((len(self.joints), 2), np.inf)
+        for number, joint in enumerate(self.joints):
+            if joint.normal[1]:
+                corners = self.nodes[self.blocks[joint.upper[0] // 4]]
+                found[number] = 0.5 * np.ptp(corners[:, 1]), 0.5 * np.ptp(corners[:, 0])
+        return found
+
+    @property
+    def top_blocks(self) -> np.ndarray:
+        """Blocks under the beam, from the left."""
+        tops = self.nodes[self.blocks[:, 2], 1]
+        found = np.flatnonzero(tops > self.wall.height - TOLERANCE)
+        return np.asarray(found[np.argsort(self.nodes[self.blocks[found, 0], 0])])
+
+    def corner(self, name: str) -> int:
+        """Find a node on the top.
+
+        Parameters
+        ----------
+        name : {"top_left", "top_right"}
+            Which.
+
+        Returns
+        -------
+        int
+            Its number.
+        """
+        check_choice("Mesh.corner", name, ("top_left", "top_right"))
+        blocks = self.blocks[self.top_blocks]
+        return int(blocks[0, 3] if name == "top_left" else blocks[-1, 2])
+
+    def __str__(self) -> str:
+        return (
+            f"Mesh: {len(self.blocks)} blocks, {len(self.joints)} joints, {len(self.bars)} bars, {len(self.nodes)} nodes, "
+            f"{len(self.free)} free degrees of freedom"
+        )
+
+
+def mesh_of(wall: Wall, joint_points: str = "ends", base_joint: bool = False) -> Mesh:
+    """Make the mesh of a wall.
+
+    Parameters
+    ----------
+    wall : Wall
+        The wall.
+    joint_points : {"ends", "gauss"}
+        Where the two joints of a line sit: at its ends, which is three times too stiff against rotation, or at its Gauss points.
+    base_joint : bool
+        Whether the wall stands on joints, or its lowest nodes are fixed.
+
+    Returns
+    -------
+    Mesh
+        Its arrays.
+
+    Raises
+    ------
+    InputError
+        If a block is supported by nothing.
+    """
+    check_choice("joint_points", joint_points, ("ends", "gauss"))
+    blocks = wall.blocks
+    corners = np.array([[(b.left, b.bottom), (b.right, b.bottom), (b.right, b.top), (b.left, b.top)] for b in blocks])
+    numbers = np.arange(4 * len(blocks)).reshape(-1, 4)
+    nodes = corners.reshape(-1, 2)
+    joints = _joints(blocks, numbers, wall.thickness, joint_points, base_joint)
+    at_base = np.flatnonzero(nodes[:, 1] < TOLERANCE)
+    fixed = np.array([], dtype=int) if base_joint else at_base
+    _check_supported(blocks, joints)
+    bars, lengths = _bars(blocks, numbers, wall.height)
+    return Mesh(wall, nodes, numbers, tuple(b.name for b in blocks), tuple(joints), bars, lengths, fixed)
+
+
+def _joints(blocks: list[Block], numbers: np.ndarray, thickness: float, points: str, base_joint: bool) -> list[Joint]:
+    """Two joints on every line on which two blocks touch."""
+    found: list[Joint] = []
+    for i, one in enumerate(blocks):
+        if base_joint and one.bottom < TOLERANCE:
+            face, ends = (int(numbers[i, 0]), int(numbers[i, 1])), ((one.left, 0.0), (one.right, 0.0))
+            found += _on_a_line(
+                (-1, -1), face, ends, (0.0, 1.0), thickness, points, f"between the ground and {one.name}"
+            )
+        for j, other in enumerate(blocks):
+            name = f"between {one.name} and {other.name}"
+            if _same(one.top, other.bottom) and _same(one.left, other.left) and _same(one.right, other.right):
+                lower, upper = (int(numbers[i, 3]), int(numbers[i, 2])), (int(numbers[j, 0]), int(numbers[j, 1]))
+                ends = ((one.left, one.top), (one.right, one.top))
+                found += _on_a_line(lower, upper, ends, (0.0, 1.0), thickness, points, name)
+            elif _same(one.right, other.left) and _same(one.bottom, other.bottom) and _same(one.top, other.top):
+                lower, upper = (int(numbers[i, 1]), int(numbers[i, 2])), (int(numbers[j, 0]), int(numbers[j, 3]))
+                ends = ((one.right, one.bottom), (one.right, one.top))
+                found += _on_a_line(lower, upper, ends, (1.0, 0.0), thickness, points, name)
+    return found
+
+
+def _on_a_line(
+    lower: tuple[int, int],
+    upper: tuple[int, int],
+    ends: tuple[tuple[float, float], tuple[float, float]],
+    normal: tuple[float, float],
+    thickness: float,
+    points: str,
+    name: str,
+) -> list[Joint]:
+    length = float(np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1]))
+    share = 1.0 if points == "ends" else 0.5 + 0.5 / np.sqrt(3.0)
+    sides = ("left", "right") if normal[1] else ("below", "above")
+    found = []
+    for weights, side in zip(((share, 1.0 - share), (1.0 - share, share)), sides, strict=True):
+        place = (
+            weights[0] * ends[0][0] + weights[1] * ends[1][0],
+            weights[0] * ends[0][1] + weights[1] * ends[1][1],
+        )
+        found.append(Joint(lower, upper, weights, normal, 0.5 * length * thickness, place, f"{name}, {side}"))
+    return found
+
+
+def _same(a: float, b: float) -> bool:
+    return abs(a - b) < TOLERANCE
+
+
+def _bars(blocks: list[Block], numbers: np.ndarray, height: float) -> tuple[np.ndarray, np.ndarray]:
+    """The beam: a bar between neighbouring nodes of the top."""
+    top = sorted((i for i, b in enumerate(blocks) if _same(b.top, height)), key=lambda i: blocks[i].left)
+    row = [int(n) for i in top for n in (numbers[i, 3], numbers[i, 2])]
+    places = [x for i in top for x in (blocks[i].left, blocks[i].right)]
+    gaps = np.diff(places)
+    return np.array(list(pairwise(row))), np.where(gaps > TOLERANCE, gaps, SHORT_BAR)
+
+
+def _check_supported(blocks: list[Block], joints: list[Joint]) -> None:
+    """Refuse a block that no chain of joints connects with the base."""
+    touching: dict[int, set[int]] = {i: set() for i in range(len(blocks))}
+    for joint in joints:
+        one, other = (face[0] // 4 if face[0] >= 0 else None for face in (joint.lower, joint.upper))
+        if one is not None and other is not None:
+            touching[one].add(other)
+            touching[other].add(one)
+    reached = {i for i, b in enumerate(blocks) if b.bottom < TOLERANCE}
+    edge = set(reached)
+    while edge:
+        edge = {j for i in edge for j in touching[i]} - reached
+        reached |= edge
+    lost = [b.name for i, b in enumerate(blocks) if i not in reached]
+    if lost:
+        raise InputError(
+            "Wall", f"nothing supports {'; '.join(lost[:3])}", "blocks that rest on one another down to the base"
+        )

@@ -1,0 +1,459 @@
+"""A masonry wall of blocks and cohesive joints under a ground motion, as a model."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, field, fields, replace
+from functools import cache, cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jax import lax
+
+from structid.core.errors import InputError, check_choice
+from structid.core.hashing import digest
+from structid.core.progress import Progress
+from structid.core.validation import check_arguments
+from structid.engine.time_loop import TimeLoop
+from structid.ground_motion.excitation import Excitation, check_one_signal
+from structid.histories import Histories
+from structid.mechanics.cohesive_laws import JOINT_LAWS, CohesiveLaw, cohesive_law
+from structid.models.base import Map
+from structid.models.hysteretic.hysteretic_parameters import check_free
+from structid.models.masonry.equations.condensed import Condensed
+from structid.models.masonry.equations.loaded_wall import frequencies, loaded
+from structid.models.masonry.equations.one_by_one import runs_one_by_one
+from structid.models.masonry.equations.static_wall import BeamedWall, StaticWall
+from structid.models.masonry.equations.wall_channels import WallChannels, Works, check_wall_channels
+from structid.models.masonry.equations.wall_motion import WallState, start, stepping
+from structid.models.masonry.finite_elements.assembly import Assembly, Masonry
+from structid.models.masonry.finite_elements.layout import FACADE, Wall
+from structid.models.masonry.finite_elements.mesh import Mesh, mesh_of
+from structid.models.masonry.wall_failure import judged, with_rows
+from structid.models.masonry.wall_film import WallFilm
+from structid.models.masonry.wall_parameters import OPTIONAL, PARAMETER_UNITS, check_priors_of, check_value
+from structid.models.masonry.wall_pictures import drawn_joint, drawn_mesh, pictures_of
+from structid.models.pictures import ModelPicture
+from structid.models.traceable import TraceableModel, TracedExcitation
+from structid.probability.space import ParameterSpace
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+WATCHED = ("support_lost", "weakest_joint")
+"""Channels by which a run is judged."""
+CUTS = (4, 16, 64)
+"""Parts of a step in which a run is done again where its joints find no equilibrium."""
+MOST_BLOCKS_IN_LANES = 40
+"""Walls of more blocks are run one by one, by sparse factors: tables of places and compiling grow with the wall."""
+
+
+@check_arguments
+@dataclass(frozen=True, eq=False)
+class MasonryWall(TraceableModel):
+    """Wall of linear plane-stress blocks, cohesive mortar joints and a loading beam, on a moving base.
+
+    ::
+
+        M u″ + C u′ + f(u) = p − M ι a_g,    C = a₀ M + a₁ K
+
+    The vertical load p is applied first. K is the symmetric part of the tangent of the loaded wall, and a₀, a₁ give its modes 1
+    and 3 the damping ratio ζ. Joints obey one of the laws of `structid.mechanics.cohesive_laws`. Displacements are small. Average
+    acceleration with Newton iterations at every step.
+
+    Parameters
+    ----------
+    normal_energy, tangential_energy : float, optional
+        Works of separation φ_n and of sliding φ_t [N/m].
+    normal_strength, tangential_strength : float, optional
+        σ_max and τ_max [Pa].
+    joint_law : {"smc-np2", "damage-friction"}
+        SMC in separation and NP2 in over-closure, without a memory; or SMC with damage, contact and friction.
+    friction : float
+        μ of the second one.
+    damping_ratio : float
+        ζ.
+    wall : Wall
+        Geometry and courses; the source's façade by default.
+    masonry : Masonry
+        Materials and loads.
+    characteristic_length : {"exponential", "xu-needleman"}
+        δ_t = φ_t / (τ_max e), with which the work of sliding is φ_t; or the printed φ_t / (τ_max √(e/2)).
+    joint_points : {"ends", "gauss"}
+        Where the two joints of a line are.
+    base_joint : bool
+        Whether the wall stands on joints, or its lowest nodes are fixed.
+    step : float
+        Longest integration step [s].
+    free : sequence of str
+        Parameters that are given with every run, in the order of its columns.
+    channels : sequence of str
+        What to record: ``"ux_top_left"``, ``"uy_top_right"``, ``"ux_node_12"``, …; ``"drift"`` (of the top left corner from
+        rest), ``"base_shear"``, ``"largest_opening"``, ``"largest_slip"``, ``"largest_penetration"``; ``"support_lost"``, which
+        is 1 where a bed joint has slid by half its length or opened by half a block, and ``"weakest_joint"``, its number in
+        ``mesh.joints``; and the energies ``"kinetic_energy"``, ``"strain_energy"``, ``"joint_energy"``, ``"damping_energy"``,
+        ``"input_energy"`` and ``"load_energy"``.
+
+    Examples
+    --------
+    >>> wall = MasonryWall(normal_energy=5.5e3, normal_strength=1.05e6, tangential_energy=4e5, tangential_strength=2e6)
+    >>> print(wall)
+    MasonryWall: 15 blocks, 34 joints, f 2.632, 9.697, 16.56 Hz under its load
+    """
+
+    normal_energy: float | None = None
+    normal_strength: float | None = None
+    tangential_energy: float | None = None
+    tangential_strength: float | None = None
+    joint_law: str = "smc-np2"
+    friction: float = 0.0
+    damping_ratio: float = 0.03
+    wall: Wall = FACADE
+    masonry: Masonry = field(default_factory=Masonry)
+    characteristic_length: str = "exponential"
+    joint_points: str = "ends"
+    base_joint: bool = False
+    step: float = 1e-3
+    free: tuple[str, ...] = ()
+    channels: tuple[str, ...] = ("ux_top_left",)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "free", check_free("MasonryWall", self.free, tuple(PARAMETER_UNITS)))
+        check_choice("MasonryWall.joint_law", self.joint_law, JOINT_LAWS)
+        check_choice("MasonryWall.characteristic_length", self.characteristic_length, ("exponential", "xu-needleman"))
+        for name in PARAMETER_UNITS:
+            value = getattr(self, name)
+            if name in self.free and value is not None and name not in OPTIONAL:
+                raise InputError(
+                    f"MasonryWall.{name}", "it has a value and is free as well", "one of the two", "Remove one."
+                )
+            if name not in self.free:
+                check_value(name, value)
+        if not self.step > 0.0:
+            raise InputError("MasonryWall.step", f"{self.step:g}", "a positive time in seconds")
+        object.__setattr__(self, "channels", check_wall_channels(self.mesh, self.channels))
+
+    # --- geometry -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def mesh(self) -> Mesh:
+        """Nodes, blocks, joints and bars."""
+        return mesh_of(self.wall, self.joint_points, self.base_joint)
+
+    @cached_property
+    def condensed(self) -> Condensed:
+        """The equations of motion, condensed to the jumps of the joints."""
+        return Condensed(Assembly(self.mesh, self.masonry), JOINT_LAWS[self.joint_law])
+
+    # --- response -----------------------------------------------------------------------------------------------
+
+    def _values(self, theta: Any) -> dict[str, Any]:
+        """Every parameter by name: floats where fixed, arrays over runs where free."""
+        values = {name: getattr(self, name) for name in PARAMETER_UNITS}
+        return values | {name: theta[:, i] for i, name in enumerate(self.free)}
+
+    def _law(self, values: dict[str, Any]) -> CohesiveLaw:
+        return cohesive_law(
+            values["normal_energy"],
+            values["normal_strength"],
+            values["tangential_energy"],
+            values["tangential_strength"],
+            self.characteristic_length,
+            values["friction"],
+        )
+
+    def static_force(self, theta: Any) -> StaticWall:
+        """Give the wall under a rigid beam in the place of its bars; see `TraceableModel.static_force`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+
+        Returns
+        -------
+        StaticWall
+            Of as many runs.
+        """
+        return StaticWall(self._beamed, self._law(self._values(theta)), theta.shape[0])
+
+    @cached_property
+    def _beamed(self) -> BeamedWall:
+        return BeamedWall(self.mesh, self.masonry, JOINT_LAWS[self.joint_law])
+
+    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+        """Give the loop over the record; see `TraceableModel.time_loop`.
+
+        Parameters
+        ----------
+        theta : jax.Array, shape (run, parameter)
+            Parameters in the order of `free`.
+        excitation : TracedExcitation
+            A ground motion.
+
+        Returns
+        -------
+        TimeLoop
+            Of the equations of motion.
+        """
+        values, runs, stages = self._values(theta), theta.shape[0], excitation.stages
+        law, dt = self._law(values), excitation.dt / stages.shape[1]
+        at_rest = loaded(self.condensed, law, runs, values["damping_ratio"])
+        step = stepping(self.condensed, law, at_rest, dt)
+        seen = WallChannels(self.condensed, self.channels, law, at_rest, dt)
+
+        def substep(carried: tuple[WallState, Works], stage: Any) -> tuple[tuple[WallState, Works], None]:
+            state, works = carried
+            after = step(state, stage[2])
+            return (after, seen.added(works, state, after, (stage[0], stage[2])) if seen.added_up else works), None
+
+        def sample(carried: tuple[WallState, Works], row: Any) -> tuple[tuple[WallState, Works], Any]:
+            observed = seen.observe(*carried, row[0, 0])
+            if len(row) == 1:
+                return substep(carried, row[0])[0], observed
+            return lax.scan(substep, carried, row)[0], observed
+
+        beginning = start(self.condensed, at_rest, stages[0, 0, 0]), seen.nothing(runs)
+        return TimeLoop(beginning, sample, stages, excitation.dropped_samples, lambda carried: carried[0].converged)
+
+    def run(
+        self, theta: np.ndarray, excitation: Excitation, progress: Progress | None = None, map: Map | None = None
+    ) -> Histories:
+        """Run rows of parameters; see `TraceableModel.run`.
+
+        A run whose joints find no equilibrium in a step is done again in shorter steps, down to a 64th. A run in which a bed joint
+        loses what lies on it has failed as a structure, from there on.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            A ground motion.
+        progress, map : callable, optional
+            See `TraceableModel.run`.
+
+        Returns
+        -------
+        Histories
+            A run that fails keeps what came before, and says which joint it was.
+        """
+        watched = self._watched
+        if len(self.mesh.blocks) > MOST_BLOCKS_IN_LANES:
+            found = self._one_by_one(theta, excitation, watched.channels, progress)
+            return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
+        found = TraceableModel.run(watched, theta, excitation, progress, map)
+        for cut in CUTS:
+            lost = np.flatnonzero(~found.done)
+            if not len(lost):
+                break
+            finer = replace(watched, step=watched.step / cut)
+            found = with_rows(found, lost, TraceableModel.run(finer, theta[lost], excitation))
+        return judged(found, self.mesh, self.step / CUTS[-1], self.channels)
+
+    @cached_property
+    def _watched(self) -> MasonryWall:
+        """The same wall, recording what its runs are judged by as well; kept, with what it has compiled."""
+        return replace(self, channels=tuple(dict.fromkeys((*self.channels, *WATCHED))))
+
+    def _one_by_one(
+        self, theta: np.ndarray, excitation: Excitation, channels: tuple[str, ...], progress: Progress | None
+    ) -> Histories:
+        """Runs of a wall of too many blocks for lanes."""
+        values = [self._values(row[None]) for row in theta]
+        of_runs = [{name: float(np.ravel(value)[0]) for name, value in of_run.items()} for of_run in values]
+        laws = [(self._law(of_run), of_run["damping_ratio"]) for of_run in of_runs]
+        return runs_one_by_one(self.condensed, laws, channels, excitation, self.steps_in_sample(excitation), progress)
+
+    def steps_in_sample(self, excitation: Excitation) -> int:
+        """Count the integration steps in a sample; see `TraceableModel.steps_in_sample`.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        int
+            None of them is longer than `step`.
+        """
+        return max(int(np.ceil(excitation.dt / self.step - 1e-9)), 1)
+
+    # --- pictures -----------------------------------------------------------------------------------------------
+
+    @check_arguments
+    def film(self, excitation: Excitation, theta: np.ndarray | None = None) -> WallFilm:
+        """Follow every node of the wall through one run.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            A ground motion.
+        theta : ndarray, shape (parameter,), optional
+            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+
+        Returns
+        -------
+        WallFilm
+            As far as the run goes.
+
+        Raises
+        ------
+        InputError
+            If the wall finds no equilibrium at rest.
+        """
+        mesh = self.mesh
+        moving = np.setdiff1d(np.arange(len(mesh.nodes)), mesh.fixed)
+        points = [f"u{direction}_node_{node}" for node in moving for direction in "xy"]
+        row = np.zeros((1, 0)) if theta is None else np.asarray(theta, dtype=float).reshape(1, -1)
+        found = self.recording("drift", "base_shear", *points).simulate(row, excitation)
+        values = found.values[0, np.isfinite(found.values[0]).all(axis=1)]
+        if not len(values):
+            raise InputError("MasonryWall.film", f"a run that never began: {found.reasons[0]}", "a wall that stands")
+        displacements = np.zeros((len(values), len(mesh.nodes), 2))
+        displacements[:, moving] = values[:, 2:].reshape(len(values), -1, 2)
+        return WallFilm(mesh, excitation.dt, displacements, values[:, 0], values[:, 1])
+
+    def pictures(self, theta: np.ndarray, excitation: Excitation) -> list[ModelPicture]:
+        """Pictures of the wall in one run; see `Model.pictures`.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (parameter,)
+            Parameters in SI, in the order of `free`.
+        excitation : Excitation
+            A ground motion.
+
+        Returns
+        -------
+        list of ModelPicture
+            Mesh, milestones, strains, film.
+        """
+        return pictures_of(self.plot, cache(lambda: self.film(excitation, theta)))
+
+    def plot(self, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the mesh: blocks with their numbers, joints, beam, supports, loads, recorded points.
+
+        Parameters
+        ----------
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            One panel.
+        """
+        return drawn_mesh(self.condensed.assembly, self.channels, save)
+
+    def plot_joint(self, theta: np.ndarray | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw the law of the joints: traction against opening and against slip, with an unloading (the thesis's figure 5.1).
+
+        Parameters
+        ----------
+        theta : ndarray, shape (parameter,), optional
+            Parameters in SI, in the order of `free`; may be left out where nothing is free.
+        save : path-like, optional
+            File name without extension; a PNG and a PDF are written.
+
+        Returns
+        -------
+        Figure
+            Two panels.
+        """
+        row = np.zeros((1, 0)) if theta is None else self.parameters(np.atleast_2d(theta))
+        return drawn_joint(self._law(self._values(row)), JOINT_LAWS[self.joint_law], save)
+
+    # --- what others ask ----------------------------------------------------------------------------------------
+
+    @property
+    def loop_channels(self) -> dict[str, tuple[str, str, str]]:
+        """Drift, base shear and the work of the joints."""
+        return {"": ("drift", "base_shear", "joint_energy")}
+
+    @property
+    def kind_in_words(self) -> str:
+        """What an engineer would call it."""
+        return "masonry wall"
+
+    def recording(self, *channels: str) -> MasonryWall:
+        """Return this wall with other channels.
+
+        Parameters
+        ----------
+        *channels : str
+            The channels.
+
+        Returns
+        -------
+        MasonryWall
+            The same wall, recording them.
+        """
+        return replace(self, channels=channels)
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse anything but a ground motion.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+
+        Raises
+        ------
+        InputError
+            If it is no ground motion, or shorter than a step.
+        """
+        check_one_signal("MasonryWall", excitation)
+        if excitation.kind != "ground_motion":
+            raise InputError("MasonryWall", f"a {excitation.kind}", "a GroundMotion")
+        if self.step > excitation.dt * (len(excitation) - 1):
+            raise InputError(
+                "MasonryWall.step", f"{self.step:g} s", f"a step shorter than the record of {excitation.duration:g} s"
+            )
+
+    def check_priors(self, space: ParameterSpace) -> None:
+        """Refuse priors in another unit, or of values that are not positive; see `Model.check_priors`.
+
+        Parameters
+        ----------
+        space : ParameterSpace
+            The unknown parameters.
+
+        Raises
+        ------
+        InputError
+            For the first that is wrong.
+        """
+        check_priors_of(self.free, space)
+
+    @property
+    def content_hash(self) -> str:
+        """Hash of every setting."""
+        return digest("MasonryWall", {f.name: repr(getattr(self, f.name)) for f in fields(self)})
+
+    def frequencies(self) -> np.ndarray:
+        """Natural frequencies of the loaded wall.
+
+        Returns
+        -------
+        ndarray, shape (dof,)
+            [Hz], from the lowest.
+
+        Raises
+        ------
+        InputError
+            If parameters of the joints are free.
+        """
+        if self.free:
+            raise InputError(
+                "MasonryWall.frequencies", f"{', '.join(self.free)} free", "a wall whose joints are numbers"
+            )
+        return frequencies(self.condensed, self._law(self._values(np.zeros((1, 0)))))
+
+    def __str__(self) -> str:
+        mesh = f"MasonryWall: {len(self.mesh.blocks)} blocks, {len(self.mesh.joints)} joints"
+        if self.free:
+            return f"{mesh}, free: {', '.join(self.free)}"
+        return f"{mesh}, f {', '.join(f'{f:.4g}' for f in self.frequencies()[:3])} Hz under its load"

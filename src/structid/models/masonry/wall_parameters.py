@@ -1,0 +1,75 @@
+"""Parameters of a wall that may be unknown: their units, and what their values and priors may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from structid.core.errors import InputError
+from structid.core.units import factor_of
+from structid.models.hysteretic.hysteretic_parameters import finite_number
+from structid.probability.space import ParameterSpace
+
+PARAMETER_UNITS: Mapping[str, str] = {
+    "normal_energy": "N/m",
+    "normal_strength": "Pa",
+    "tangential_energy": "N/m",
+    "tangential_strength": "Pa",
+    "friction": "",
+    "damping_ratio": "",
+}
+"""SI units of what may be unknown: φ_n, σ_max, φ_t, τ_max, μ, ζ."""
+OPTIONAL = ("friction", "damping_ratio")
+"""Those that have a value where nothing is said, and may be zero."""
+
+
+def check_value(name: str, value: Any) -> None:
+    """Refuse a value that a parameter cannot have.
+
+    Parameters
+    ----------
+    name : str
+        The parameter.
+    value : object
+        What came.
+
+    Raises
+    ------
+    InputError
+        If it is missing, not a number, negative, or zero where it may not be.
+    """
+    where = f"MasonryWall.{name}"
+    if value is None:
+        raise InputError(
+            where, "it has no value and is not free", f"a number in {PARAMETER_UNITS[name]}, or its name in free"
+        )
+    number = finite_number(where, value)
+    if number < 0.0 or (number == 0.0 and name not in OPTIONAL):
+        raise InputError(where, f"{number:g}", "0 or more" if name in OPTIONAL else "a positive number")
+
+
+def check_priors_of(free: tuple[str, ...], space: ParameterSpace) -> None:
+    """Refuse priors in another unit, or of values that are not positive.
+
+    Parameters
+    ----------
+    free : tuple of str
+        Parameters that are unknown.
+    space : ParameterSpace
+        Their priors.
+
+    Raises
+    ------
+    InputError
+        For the first that is wrong.
+    """
+    for name in set(free) & set(space.names):
+        if unit := space.marginals[name].unit:
+            factor_of(unit, PARAMETER_UNITS[name], f"unit of the prior of '{name}'")
+    low = np.asarray(space.sample(512, 0, "sobol").columns(free)).min(axis=0, initial=np.inf)
+    for name, least in zip(free, low, strict=True):
+        if least <= 0.0:
+            cure = "Bound it with low, and check its unit."
+            raise InputError(f"the prior of '{name}'", f"values down to {least:g}", "positive values only", cure)

@@ -1,0 +1,140 @@
+"""Pictures of a wall: its mesh with what is on it, and those that stand in a report."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
+from structid.models.masonry.equations.wall_channels import is_point, point_of
+from structid.models.masonry.finite_elements.assembly import Assembly
+from structid.models.masonry.wall_film import GRID, WallFilm
+from structid.models.pictures import Film, ModelPicture
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PATH = (0.0, 2.0, 0.0, 6.0)
+"""Jumps of a joint whose law is drawn, in characteristic lengths: there, back, and on."""
+CLOSURE = 0.6
+"""How far such a joint is closed at first, likewise."""
+PATH_POINTS = 121
+"""Points of each part of that path."""
+
+FRAMES = 60
+"""Of the film in a report."""
+
+
+def drawn_mesh(assembly: Assembly, channels: tuple[str, ...], save: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw the mesh of a wall: blocks with their numbers, joints, beam, supports, loads, recorded points.
+
+    Parameters
+    ----------
+    assembly : Assembly
+        The wall.
+    channels : tuple of str
+        What is recorded.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        One panel.
+    """
+    from structid.figures import wall as figures
+
+    mesh, masonry = assembly.mesh, assembly.masonry
+    loads: dict[tuple[float, float], float] = {}  # neighbouring blocks have their loads at one place
+    for node, share in assembly.beam_shares(everywhere=False):
+        place = float(mesh.nodes[node, 0]), float(mesh.nodes[node, 1])
+        loads[place] = loads.get(place, 0.0) + 1e-3 * masonry.vertical_load * share
+    nodes = dict.fromkeys(point_of(mesh, channel)[0] for channel in (*channels, "ux_top_left") if is_point(channel))
+    return figures.mesh(
+        mesh.nodes[mesh.blocks],
+        np.array([joint.place for joint in mesh.joints]).reshape(-1, 2),
+        mesh.nodes[mesh.bars],
+        mesh.nodes[mesh.fixed],
+        [(*place, force) for place, force in loads.items()],
+        [(f"node {node}", *mesh.nodes[node]) for node in nodes],
+        f"{len(mesh.blocks)} blocks, {len(mesh.nodes)} nodes, {len(mesh.free)} degrees of freedom; "
+        f"{1e-3 * masonry.upper_mass:g} t on the beam",
+        save=save,
+    )
+
+
+def drawn_joint(law: CohesiveLaw, joint: JointLaw, save: str | os.PathLike[str] | None = None) -> Figure:
+    """Draw tractions of a joint against its opening and its slip, which goes back to zero once on its way.
+
+    Parameters
+    ----------
+    law : CohesiveLaw
+        The parameters, of one run.
+    joint : JointLaw
+        What a joint answers.
+    save : path-like, optional
+        File name without extension; a PNG and a PDF are written.
+
+    Returns
+    -------
+    Figure
+        Two panels.
+    """
+    from structid.figures import wall as figures
+
+    of_one = CohesiveLaw(*(np.ravel(value)[0] for value in law))
+    path = np.concatenate([np.linspace(a, b, PATH_POINTS) for a, b in pairwise(PATH)])
+    normal, tangential = path * of_one.normal_length, path * of_one.tangential_length
+    pressed = np.linspace(-CLOSURE, 0.0, PATH_POINTS) * of_one.normal_length
+    curves = [
+        [
+            (np.r_[pressed, normal], _tractions(of_one, joint, np.r_[pressed, normal], 0.0)[0], "no slip"),
+            (normal, _tractions(of_one, joint, normal, of_one.tangential_length)[0], "slip of δt"),
+        ],
+        [
+            (tangential, _tractions(of_one, joint, 0.0, tangential)[1], "closed"),
+            (tangential, _tractions(of_one, joint, of_one.normal_length, tangential)[1], "opening of δn"),
+        ],
+    ]
+    return figures.joint_law([[(1e3 * x, 1e-6 * y, name) for x, y, name in panel] for panel in curves], save=save)
+
+
+def _tractions(law: CohesiveLaw, joint: JointLaw, opening: Any, slip: Any) -> tuple[np.ndarray, np.ndarray]:
+    """T_n and T_t [Pa] along a path of jumps, step by step, as a joint remembers."""
+    memory, found = np.zeros((joint.memories, 1)), []
+    for jumps in zip(*np.broadcast_arrays(opening, slip), strict=True):
+        at = tuple(np.array([jump]) for jump in jumps)
+        response = joint.respond(law, memory, *at)
+        found.append((response.normal[0], response.tangential[0]))
+        memory = joint.remembered(law, memory, *at)
+    normal, tangential = np.array(found).T
+    return normal, tangential
+
+
+def pictures_of(plot: Callable[[], Figure], film: Callable[[], WallFilm]) -> list[ModelPicture]:
+    """Pictures of a wall in one run.
+
+    Parameters
+    ----------
+    plot : callable
+        Draws the mesh.
+    film : callable
+        Gives the motion, the same one at every call.
+
+    Returns
+    -------
+    list of ModelPicture
+        Mesh, milestones, strains, film.
+    """
+    at = "at the largest drift of its largest swings"
+    strains = f"Von Mises' strain {at}, as a camera sees it on a grid of {1e3 * GRID:g} mm: a joint that opens or slides is a line."
+    return [
+        ModelPicture("wall", "The wall.", plot),
+        ModelPicture("wall_deformed", f"The deformed wall {at}.", lambda: film().plot()),
+        ModelPicture("wall_strains", strains, lambda: film().plot_strains()),
+        ModelPicture("wall_film", "The wall in motion.", lambda: Film(lambda path: film().animate(path, FRAMES))),
+    ]

@@ -1,0 +1,137 @@
+"""The head of a calibration's page: what was done, and the posterior in numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.core.units import factor, label
+from structid.figures.style import pretty, pretty_unit
+from structid.report.material.material import PosteriorMaterial
+from structid.report.section import Rows
+from structid.report.tables import moments, number, versions_table
+
+
+def posterior_table(material: PosteriorMaterial) -> Rows:
+    """Mean, sd, 5-95 %, MAP and truth of every parameter, as the thesis's tables have them.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows, in display units.
+    """
+    summary = material.summary
+    factors = dict(zip(material.posterior.names, material.posterior.factors, strict=True))
+    robust, spread = "robust_sd" in summary.columns, material.result.robust
+    doubt = {} if spread is None else dict(zip(material.posterior.names, spread.error, strict=True))
+    elsewhere = "sd_elsewhere" in summary.columns
+    further = [*(["robust sd"] if robust else []), *(["sd on another record"] if elsewhere else [])]
+    heads = ["parameter", "mean", "sd", *further, "5 %", "95 %", "MAP"]
+    if material.true_values:
+        heads.append("truth")
+    rows = []
+    for i, (name, unit) in enumerate(zip(summary.names, summary.units, strict=True)):
+        c = {k: float(v[i]) for k, v in summary.columns.items()}
+        shown = [number(c[k], c["sd"]) for k in ("mean", "q05", "q95", "map")]
+        row = [
+            label(pretty(name), pretty_unit(unit)),
+            shown[0],
+            f"{c['sd']:.2g}",
+            *([f"{c['robust_sd']:.2g}" + (f" ± {doubt[name]:.0%}" if doubt[name] else "")] if robust else []),
+            *([f"{c['sd_elsewhere']:.2g}"] if elsewhere else []),
+            *shown[1:],
+        ]
+        if material.true_values:
+            truth = material.true_values.get(name)
+            row.append("–" if truth is None else number(truth / factors[name]))
+        rows.append(row)
+    return heads, rows
+
+
+def derived_table(material: PosteriorMaterial) -> Rows | None:
+    """Mean, sd, 5-95 % and truth of what follows from the parameters, and the standard deviations of the errors.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+
+    Returns
+    -------
+    tuple of list or None
+        Heads and rows, in display units; None where the model says nothing of it.
+    """
+    draws, weights = material.weighted_draws
+    model, truth = material.true_posterior.model, material.truths[0]
+    found = model.derived_quantities(np.asarray(material.true_posterior.model_parameters(draws)))
+    true = {} if truth is None else truth.derived_quantities(np.zeros((1, 0)))
+    # σ = √σ², which a reader can compare with the measurement.
+    variances = dict(zip(material.posterior.names, draws.T, strict=True))
+    errors = {
+        pretty(name).replace("²", ""): (np.sqrt(variances[name]), unit)
+        for name, unit in material.posterior.sd_units.items()
+    }
+    rows = []
+    for name, (values, unit) in (dict(found) | errors).items():
+        if not np.isfinite(values).all():
+            continue
+        mean, sd, low, high = map(float, moments(values / factor(unit), weights))
+        row = [label(name, unit), number(mean, sd), f"{sd:.2g}", number(low, sd), number(high, sd)]
+        if true:
+            row.append(number(float(true[name].values[0]) / factor(unit)) if name in true else "–")
+        rows.append(row)
+    heads = ["what follows from them", "mean", "sd", "5 %", "95 %", *(["truth"] if true else [])]
+    return (heads, rows) if rows else None
+
+
+def run_table(material: PosteriorMaterial, timings: dict[str, float]) -> Rows:
+    """Settings, versions and timings.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+    timings : dict of str to float
+        Seconds of every stage.
+
+    Returns
+    -------
+    tuple of list
+        Heads and rows.
+    """
+    result, sampler = material.result, material.result.sampler
+    steps, ensembles, walkers = result.history.shape[:3]
+    rows = [
+        ["model", str(material.posterior.model)],
+        ["sampler", f"{sampler.in_words}, seed {result.seed}"],
+        ["model runs in sampling", f"{steps * ensembles * walkers:,}" if result.cost is None else str(result.cost)],
+    ]
+    heads, versions = versions_table(timings)
+    return heads, rows + versions
+
+
+def sentence(material: PosteriorMaterial) -> str:
+    """Say in one sentence what was done.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What the study leaves.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
+    posterior, surrogate = material.posterior, material.surrogate
+    through = "" if surrogate is None else f", through a {surrogate.kind_in_words},"
+    records = ", ".join(o.record.name for o in posterior.observations)
+    channels = ", ".join(dict.fromkeys(c for o in posterior.observations for c in o.channels))
+    return (
+        f"{len(posterior.model_space.names)} parameters of a {material.true_posterior.model.kind_in_words}{through} calibrated "
+        f"against the measured {channels} on {records} ({sum(o.values.size for o in posterior.observations):,} values)."
+    )

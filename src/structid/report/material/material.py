@@ -1,0 +1,214 @@
+"""What a study leaves for its report, and the simulations that several sections share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from structid.calibration.calibration_result import CalibrationResult
+from structid.campaign.runs import Runs
+from structid.ground_motion.excitation import Excitation
+from structid.ground_motion.record import GroundMotion
+from structid.inference.diagnostics.identifiability import Identifiability, identifiability
+from structid.inference.diagnostics.posterior_summary import Summary
+from structid.inference.error_model_choice import LawChoice
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.sampling_result import SamplingResult
+from structid.models.base import Model
+from structid.models.hysteretic.loop_lines import LoopLines
+from structid.observation import Observation
+from structid.optimize.minima import OptimizeResult
+from structid.reliability.fragility import Fragility
+from structid.reliability.parameter_study import ParameterStudy
+from structid.surrogates.base import Surrogate
+
+
+@dataclass(frozen=True, eq=False)
+class RunsMaterial:
+    """What a study without a measurement leaves.
+
+    Parameters
+    ----------
+    title, settings : str
+        Title, and the study file's text.
+    runs : Runs or None
+        The true runs.
+    surrogate : Surrogate or None
+        What was fitted to them.
+    parameter_study : ParameterStudy or None
+        What runs over the priors tell.
+    """
+
+    title: str
+    settings: str
+    runs: Runs | None
+    surrogate: Surrogate | None
+    parameter_study: ParameterStudy | None = field(default=None, kw_only=True)
+
+
+@dataclass(frozen=True, eq=False)
+class PosteriorMaterial(RunsMaterial):
+    """What a calibration leaves.
+
+    Parameters
+    ----------
+    title, settings, runs, surrogate
+        As for `RunsMaterial`; the surrogate that was sampled, or made the proposals.
+    parameter_study : ParameterStudy or None
+        As for `RunsMaterial`.
+    result : SamplingResult
+        Of a `Posterior`.
+    true_posterior : Posterior
+        The posterior under the model itself, for channels and records that a surrogate does not know.
+    searches : dict of str to OptimizeResult
+        Deterministic calibrations by method.
+    raw_record, record : GroundMotion
+        First record before and after processing.
+    truths : tuple of Model or None
+        For each observation the true model of a virtual experiment, or None.
+    true_values : dict of str to float
+        True parameters in SI.
+    other_records : tuple of GroundMotion
+        Records to predict for.
+    prediction_draws : int
+        Draws of the bands.
+    predicted_channels : tuple of str
+        What is predicted for other records; empty for what was measured.
+    calibration : CalibrationResult or None
+        Certificate and rounds, where the study asks for them.
+    left_to_the_data : bool
+        Whether the study lets the data choose the law of the errors.
+    law_choice : LawChoice or None
+        What they have chosen.
+    fragility : Fragility or None
+        The probability of a passage, given the data.
+    loop : LoopLines or None
+        Lines through a measured loop, of which priors were made.
+    """
+
+    result: SamplingResult
+    true_posterior: Posterior
+    searches: dict[str, OptimizeResult]
+    raw_record: GroundMotion
+    record: GroundMotion
+    truths: tuple[Model | None, ...]
+    true_values: dict[str, float]
+    other_records: tuple[GroundMotion, ...]
+    prediction_draws: int
+    calibration: CalibrationResult | None = None
+    left_to_the_data: bool = False
+    law_choice: LawChoice | None = None
+    fragility: Fragility | None = None
+    predicted_channels: tuple[str, ...] = ()
+    loop: LoopLines | None = None
+
+    @property
+    def posterior(self) -> Posterior:
+        """The posterior that was sampled."""
+        assert isinstance(self.result.target, Posterior)
+        return self.result.target
+
+    @property
+    def observations(self) -> tuple[Observation, ...]:
+        """What was measured."""
+        return self.posterior.observations
+
+    @property
+    def best(self) -> np.ndarray:
+        """The MAP estimate in SI, shape (parameter,)."""
+        return self.result.map_estimate
+
+    @cached_property
+    def draws(self) -> np.ndarray:
+        """Draws of the bands in SI, shape (draw, parameter)."""
+        return self.result.thinned(self.prediction_draws)
+
+    @cached_property
+    def summary(self) -> Summary:
+        """Moments and quantiles, re-weighted where the certificate asks for it."""
+        return self.result.summary() if self.calibration is None else self.calibration.summary()
+
+    @property
+    def weighted_draws(self) -> tuple[np.ndarray, np.ndarray | None]:
+        """All draws in SI, shape (draw, parameter), and their weights where the certificate asks for them."""
+        if self.calibration is not None and self.calibration.reweighted:
+            return self.calibration.certificate.draws, self.calibration.certificate.weights
+        return self.result.flat, None
+
+    @cached_property
+    def shared(self) -> dict[str, Any]:
+        """What a section simulates once for its tables and its figures, by a name of its own."""
+        return {}
+
+    @cached_property
+    def information(self) -> Identifiability | None:
+        """Fisher information at the MAP estimate, of a model with derivatives."""
+        return identifiability(self.posterior, self.best) if self.posterior.model.traceable else None
+
+    def suffix(self, index: int) -> str:
+        """Suffix of a file name that distinguishes the figures of several observations.
+
+        Parameters
+        ----------
+        index : int
+            Which observation.
+
+        Returns
+        -------
+        str
+            Empty where there is one.
+        """
+        return "" if len(self.observations) == 1 else f"_{index + 1}"
+
+    @cached_property
+    def true_loops(self) -> tuple[dict[str, np.ndarray], ...]:
+        """For each observation the loops of the true model by its springs' names, each (time, 3); empty where it is not known."""
+        return tuple(
+            {}
+            if truth is None
+            else {name: loop[0] for name, loop in simulated_loops(truth, np.zeros((1, 0)), o.record).items()}
+            for truth, o in zip(self.truths, self.observations, strict=True)
+        )
+
+    def completed(self, theta: np.ndarray) -> np.ndarray:
+        """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (model parameter,)
+            In SI.
+
+        Returns
+        -------
+        ndarray, shape (parameter,)
+            In SI.
+        """
+        return np.concatenate([theta, self.best[len(theta) :]])
+
+
+def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) -> dict[str, np.ndarray]:
+    """Simulate the hysteresis loops of a model.
+
+    Parameters
+    ----------
+    model : Model
+        Any; one that records no loop gives none.
+    parameters : ndarray, shape (run, parameter)
+        In SI, in the order of `Model.free`.
+    record : Excitation
+        What drives it.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (run, time, 3)
+        Displacement, force and absorbed energy in SI, by the names of the springs.
+    """
+    loops = model.loop_channels
+    if not loops:
+        return {}
+    histories = model.recording(*(channel for own in loops.values() for channel in own)).simulate(parameters, record)
+    columns = {name: [histories.channels.index(channel) for channel in own] for name, own in loops.items()}
+    return {name: histories.values[:, :, own] for name, own in columns.items()}

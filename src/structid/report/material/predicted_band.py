@@ -1,0 +1,72 @@
+"""A predicted response as a section draws it: the bands of its draws, computed once for all channels."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from structid.core.units import factor
+from structid.figures import response as figures
+from structid.inference.prediction.prediction import Prediction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Edges = tuple[np.ndarray, np.ndarray]
+
+
+class PredictedBand:
+    """The bands of a prediction, with and without discrepancy, around the response of the MAP estimate.
+
+    Parameters
+    ----------
+    draws : Prediction
+        The response of draws.
+    best : ndarray, shape (time, channel)
+        The response of the MAP estimate.
+    """
+
+    def __init__(self, draws: Prediction, best: np.ndarray) -> None:
+        self.draws, self.best = draws, best
+
+    @cached_property
+    def inner(self) -> Edges:
+        """Edges of the 90 % band of the response alone, each (time, channel) in SI."""
+        return self.draws.band()
+
+    @cached_property
+    def outer(self) -> Edges:
+        """Edges of the 90 % band with discrepancy, each (time, channel) in SI."""
+        return self.draws.band(discrepancy=True)
+
+    def draw(self, column: int, unit: str, reference: tuple[str, np.ndarray] | None) -> Figure:
+        """Draw one channel.
+
+        Parameters
+        ----------
+        column : int
+            Which channel.
+        unit : str
+            Its display unit.
+        reference : tuple of str and ndarray, shape (time,), or None
+            What it is held against, such as the measurement: its name, and values in SI.
+
+        Returns
+        -------
+        Figure
+            Three panels.
+        """
+        by = factor(unit)
+        inner, outer = ((low[:, column] / by, high[:, column] / by) for low, high in (self.inner, self.outer))
+        return figures.bands(
+            self.draws.time,
+            None if reference is None else reference[1] / by,
+            self.best[:, column] / by,
+            inner,
+            outer,
+            self.draws.channels[column],
+            unit,
+            reference="" if reference is None else reference[0],
+        )

@@ -1,0 +1,147 @@
+"""What a calibration predicts of records that were not measured, and the truth of a virtual experiment on them."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from structid.core.units import factor
+from structid.ground_motion.record import GroundMotion
+from structid.inference.likelihood.posterior import Posterior
+from structid.inference.prediction.prediction import first_that_takes, predict
+from structid.report.material.material import PosteriorMaterial
+from structid.report.material.predicted_band import PredictedBand
+from structid.report.tables import number
+
+
+class Peak(NamedTuple):
+    """The largest response of a channel, in its display unit.
+
+    Parameters
+    ----------
+    channel, unit : str
+        The channel and its unit.
+    low, median, high : float
+        5 %, 50 % and 95 % quantiles.
+    truth : float or None
+        That of a virtual experiment.
+    """
+
+    channel: str
+    unit: str
+    low: float
+    median: float
+    high: float
+    truth: float | None
+
+    @property
+    def cells(self) -> list[str]:
+        """Quantiles, and the truth where it is known, as a table shows them."""
+        values = [self.low, self.median, self.high, *([] if self.truth is None else [self.truth])]
+        return [number(value, self.high - self.low) for value in values]
+
+
+class PredictedRecord:
+    """Prediction for one record.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What a calibration leaves.
+    record : GroundMotion
+        The record.
+    """
+
+    def __init__(self, material: PosteriorMaterial, record: GroundMotion) -> None:
+        self.name, self.record, self._material = record.name, record, material
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What is predicted: what was measured, unless the study says otherwise."""
+        measured = dict.fromkeys(channel for o in self._material.observations for channel in o.channels)
+        return self._material.predicted_channels or tuple(measured)
+
+    @cached_property
+    def _posterior(self) -> Posterior:
+        """The sampled posterior, or the model's own where the surrogate knows only its own records or other channels."""
+        sampled, true = self._material.posterior, self._material.true_posterior
+        return (
+            first_that_takes(self.record, sampled, true) if set(self.channels) <= set(sampled.model.channels) else true
+        )
+
+    @cached_property
+    def band(self) -> PredictedBand:
+        """The response of draws, and of the MAP estimate."""
+        material = self._material
+        result = material.result
+        draws = predict(
+            self._posterior, material.draws, self.record, self.channels, seed=result.seed, drift=result.drift
+        )
+        best = predict(self._posterior, material.best[None], self.record, self.channels, scaled=False)
+        return PredictedBand(draws, best.response[0])
+
+    @cached_property
+    def truth(self) -> np.ndarray | None:
+        """What the structure of a virtual experiment does, shape (time, channel); None where it is not known."""
+        model = self._material.truths[0]
+        if model is None:
+            return None
+        simulated = model.recording(*self.band.draws.channels).simulate(np.zeros((1, 0)), self.record)
+        return np.asarray(simulated.values[0])
+
+    def inside(self, column: int) -> float | None:
+        """Share of the true history inside the outer 90 % band.
+
+        Parameters
+        ----------
+        column : int
+            Which channel.
+
+        Returns
+        -------
+        float or None
+            None where the truth is not known.
+        """
+        if self.truth is None:
+            return None
+        low, high = (edge[:, column] for edge in self.band.outer)
+        return float(np.mean((self.truth[:, column] >= low) & (self.truth[:, column] <= high)))
+
+    def peaks(self) -> list[Peak]:
+        """Give the largest response in each channel.
+
+        Returns
+        -------
+        list of Peak
+            One for each channel.
+        """
+        draws, found = self.band.draws, []
+        for column, channel in enumerate(draws.channels):
+            unit = draws.units[channel].display
+            by = factor(unit)
+            low, median, high = np.quantile(draws.peaks[:, column] / by, [0.05, 0.5, 0.95])
+            truth = None if self.truth is None else float(np.abs(self.truth[:, column]).max() / by)
+            found.append(Peak(channel, unit, float(low), float(median), float(high), truth))
+        return found
+
+
+def predicted_records(material: PosteriorMaterial) -> list[PredictedRecord]:
+    """Give one for each other record of the study; whoever asks again gets the same ones.
+
+    Parameters
+    ----------
+    material : PosteriorMaterial
+        What a calibration leaves.
+
+    Returns
+    -------
+    list of PredictedRecord
+        In the study's order.
+    """
+    key = "other records"
+    if key not in material.shared:
+        material.shared[key] = [PredictedRecord(material, record) for record in material.other_records]
+    found: list[PredictedRecord] = material.shared[key]
+    return found

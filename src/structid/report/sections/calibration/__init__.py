@@ -1,0 +1,1 @@
+"""Sections of a calibration's page, one file each."""

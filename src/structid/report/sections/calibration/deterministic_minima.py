@@ -1,0 +1,127 @@
+"""Deterministic calibration beside the Bayesian one."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from structid.core.units import factor, label
+from structid.figures import loops as figures
+from structid.figures.style import pretty, pretty_unit
+from structid.optimize.minima import OptimizeResult
+from structid.report.material.material import PosteriorMaterial, simulated_loops
+from structid.report.section import NEAREST, Drawing, Picture, Rows, Section, Table
+from structid.report.tables import percent
+
+FURTHER, NOTICED = 2.0, 0.02
+"""Times that the MAP leaves more than least squares, and the share of the variance, from which on the page says why."""
+
+
+def _at_zero(value: float) -> str:
+    """A parameter that lies on a bound at zero, up to rounding, is shown as zero."""
+    return "0" if abs(value) < 1e-12 else f"{value:.5g}"
+
+
+def _minima(material: PosteriorMaterial) -> Rows:
+    """Deterministic minima beside the Bayesian MAP and mean, in display units."""
+    names = material.posterior.model_space.names
+    factors, units = material.posterior.model_space.factors, material.posterior.model_space.units
+    heads = ["method", *(label(pretty(n), pretty_unit(units[n])) for n in names), "unexplained", "starts", "at a bound"]
+    rows = []
+    for method, search in material.searches.items():
+        for minimum in search.minima[:4]:
+            rows.append(
+                [
+                    method,
+                    *(_at_zero(v) for v in minimum.theta / factors),
+                    f"{minimum.value / search.scale:.3%}",
+                    f"{minimum.starts} of {len(search.values)}",
+                    ", ".join(pretty(n) for n in minimum.on_boundary) or "–",
+                ]
+            )
+    size = len(names)
+    estimates = {"posterior MAP": material.result.map_estimate, "posterior mean": material.result.mean}
+    for (kind, theta), share in zip(estimates.items(), _unexplained(material), strict=True):
+        rows.append([kind, *(f"{v:.5g}" for v in theta[:size] / factors), f"{share:.3%}", "–", "–"])
+    return heads, rows
+
+
+def _unexplained(material: PosteriorMaterial) -> tuple[float, float]:
+    """Share of the measurement's variance that MAP and mean leave, in the sense of least squares; each is simulated once a page."""
+    key = "what MAP and mean leave"
+    if key not in material.shared:
+        misfit, size = material.posterior.misfit, material.posterior.model_space.dimension
+        both = (material.result.map_estimate, material.result.mean)
+        material.shared[key] = tuple(float(misfit(theta[None, :size])[0] / misfit.scale) for theta in both)
+    found: tuple[float, float] = material.shared[key]
+    return found
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    """Why the MAP may be further from the measurement than least squares."""
+    if not material.searches:
+        return []
+    least = min(search.best.value / search.scale for search in material.searches.values())
+    of_map, _ = _unexplained(material)
+    if of_map < max(FURTHER * least, NOTICED):
+        return []
+    return [
+        f"Least squares leave {percent(least)} of the measured variance, the MAP {percent(of_map)}. Least squares seek the nearest "
+        "history, and know neither priors nor the law of the errors. Under errors that are correlated, a long deviation costs "
+        "little; so the posterior lets the model be further away, and calls the rest an error. Where they differ this much, look "
+        "at what the model lacks."
+    ]
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    return [Table("Minima", _minima(material))] if material.searches else []
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    loops_are_known = bool(material.true_posterior.model.loop_channels)
+    return [functools.partial(_identified, material)] if material.searches and loops_are_known else []
+
+
+def _loop(material: PosteriorMaterial, search: OptimizeResult) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement [mm] and force [kN] of the first spring at the best minimum."""
+    posterior = material.true_posterior
+    parameters = np.asarray(posterior.model_parameters(material.completed(search.best.theta)[None]))
+    found = simulated_loops(posterior.model, parameters, material.observations[0].record)
+    loop = next(iter(found.values()))[0]
+    return loop[:, 0] * 1e3, loop[:, 1] * 1e-3
+
+
+def _identified(material: PosteriorMaterial) -> Picture:
+    observation = material.observations[0]
+    channel = observation.channels[0]
+    unit = observation.channel_unit(channel).display
+    spring = next(iter(material.true_posterior.model.loop_channels))
+    truth = material.true_loops[0].get(spring)
+    predictions = {
+        name: material.posterior.predict(material.completed(s.best.theta)[None])[0, :, 0] / factor(unit)
+        for name, s in material.searches.items()
+    }
+    figure = figures.identified(
+        observation.record.time,
+        observation.values[:, 0] / factor(unit),
+        predictions,
+        None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
+        {name: _loop(material, search) for name, search in material.searches.items()},
+        channel,
+        unit,
+    )
+    of = f" of {spring}" if spring else ""
+    caption = f"Deterministic calibration: loops{of} and {channel} on {observation.record.name}."
+    return Picture("identified", caption, figure)
+
+
+SECTION = Section(
+    "deterministic",
+    "Deterministic calibration beside it",
+    _drawings,
+    _tables,
+    _words,
+    under_doubt=NEAREST,
+    of_draws=False,
+)

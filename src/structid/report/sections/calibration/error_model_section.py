@@ -1,0 +1,43 @@
+"""Which law of the errors is used, why, and whether the model's parameters drift."""
+
+from __future__ import annotations
+
+from structid.report.material.material import PosteriorMaterial
+from structid.report.section import Section, Table, nothing
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    choice, drift = material.law_choice, material.result.drift
+    said = []
+    if choice is not None:
+        said.append(choice.sentence)
+    elif material.left_to_the_data:
+        said.append(
+            "Independent errors are assumed. To choose a law by its evidence would take tens of thousands of runs of this solver: "
+            "a surrogate makes that possible."
+        )
+    else:
+        said.append(
+            f"The errors are taken to be of this law: {material.posterior.law.describe()['kind'].replace('_', ' ')}."
+        )
+    told_already = choice is not None and choice.posterior.law.inside
+    if drift is not None and drift.found and not told_already:
+        said.append(drift.sentence(material.result.mean))
+    return said
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    choice = material.law_choice
+    if choice is None:
+        return []
+    best = max(e.value for e in choice.evidences if e.value == e.value)
+    rows = [
+        [law, f"{e.value:.1f} ± {e.error:.1f}", f"{e.value - best:.1f}", "chosen" if place == choice.chosen else ""]
+        for place, (law, e) in enumerate(zip(choice.laws, choice.evidences, strict=True))
+    ]
+    return [
+        Table("Laws of the errors, each with the same model", (["law", "log evidence", "to the largest", ""], rows))
+    ]
+
+
+SECTION = Section("law-of-the-errors", "Law of the errors", nothing, _tables, _words)

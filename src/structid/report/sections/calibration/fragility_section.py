@@ -1,0 +1,76 @@
+"""The probability of a passage or a failure, given the data, for records of rising strength."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from structid.figures.style import pretty
+from structid.reliability.fragility import Fragility
+from structid.report.material.material import PosteriorMaterial
+from structid.report.section import Drawing, Picture, Section, Table
+from structid.report.tables import in_display_unit
+
+
+def _limit(found: Fragility) -> str:
+    return f"{in_display_unit(found.limit, found.channel)} of {pretty(found.channel)}"
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    found = material.fragility
+    if found is None:
+        return []
+    low, high = found.band()
+    rows = [
+        [f"{level:g}", f"{p:.3f} ± {error:.3f}", f"{a:.2f} to {b:.2f}", *(f"{each:.2f}" for each in of_each)]
+        for level, p, error, a, b, of_each in zip(
+            found.levels, found.probability, found.error, low, high, found.of_each.T, strict=True
+        )
+    ]
+    shown = found.records if len(found.records) <= MOST_RECORDS else ()
+    heads = ["peak ground acceleration [m/s²]", "probability", "90 % of the draws", *shown]
+    return [Table(f"Probability of passing {_limit(found)}, or of failing", (heads, [r[: len(heads)] for r in rows]))]
+
+
+MOST_RECORDS = 4
+"""Records up to which each has a column."""
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    found = material.fragility
+    if found is None:
+        return []
+    count = len(found.records)
+    words = [
+        f"{found.passed.shape[0]} draws of the posterior on {count} record{'s' if count > 1 else ''}, {found.true_runs:,} true "
+        "runs. The error is that of the records' scatter and of the draws, and of a surrogate's correction where one stood in. "
+        "The band over the draws is what the data leave open about the structure; it is for these records."
+    ]
+    median, dispersion = found.curve
+    errors = found.curve_error
+    if np.isfinite(median):
+        told = f"The fitted curve Φ(ln(a/θ)/β) has θ = {median:.3g} m/s² and β = {dispersion:.2f}"
+        if np.isfinite(errors[0]):
+            told += f", with standard errors of {errors[0]:.0%} and {errors[1]:.2f} by resampling of records and draws"
+        words.append(told + ".")
+    return words
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    return [] if material.fragility is None else [functools.partial(_drawn, material.fragility)]
+
+
+def _drawn(found: Fragility) -> Picture:
+    return Picture("fragility", f"Probability of passing {_limit(found)}, or of failing, given the data.", found.plot())
+
+
+SECTION = Section(
+    "fragility",
+    "Probability of failure",
+    _drawings,
+    _tables,
+    _words,
+    "The probability is that of a model that is wrong for these data. It allows for the errors that it made on the measured "
+    "record, in the channels that were measured.",
+)

@@ -1,0 +1,141 @@
+"""The measured responses against the posterior prediction, and hysteresis loops."""
+
+from __future__ import annotations
+
+import functools
+from functools import cached_property
+
+import numpy as np
+
+from structid.figures import loops as loop_figures
+from structid.figures import response as figures
+from structid.inference.prediction.prediction import predict
+from structid.report.material.material import PosteriorMaterial, simulated_loops
+from structid.report.material.predicted_band import PredictedBand
+from structid.report.section import Drawing, Picture, Section, nothing
+
+LOOP_DRAWS = 40
+"""Number of draws whose loops are drawn thinly behind that of the MAP estimate."""
+MOST_SPRINGS = 4
+"""Springs whose loops are drawn: those that absorb most."""
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    drawings: list[Drawing] = []
+    for index, observation in enumerate(material.observations):
+        predicted = _PredictedObservation(material, index)
+        drawings += [functools.partial(_band, predicted, column) for column in range(len(observation.channels))]
+        # Loops are a record's: several observations of one record, such as those of several floors, share them.
+        first = next(i for i, o in enumerate(material.observations) if o.record is observation.record)
+        if first == index:
+            loops = _PredictedLoops(material, index)
+            for place in range(min(MOST_SPRINGS, len(material.true_posterior.model.loop_channels))):
+                drawings += [functools.partial(_loops, loops, place), functools.partial(_energy, loops, place)]
+    return drawings
+
+
+class _PredictedObservation:
+    """What the posterior predicts of one observation."""
+
+    def __init__(self, material: PosteriorMaterial, index: int) -> None:
+        self.material, self.index = material, index
+        self.observation = material.observations[index]
+        self.suffix = material.suffix(index)
+
+    @cached_property
+    def band(self) -> PredictedBand:
+        """The response of draws, with and without discrepancy, and of the MAP estimate."""
+        material = self.material
+        draws = predict(material.posterior, material.draws, seed=material.result.seed, observation=self.index)
+        return PredictedBand(draws, material.posterior.predict(material.best[None], self.index)[0])
+
+
+class _PredictedLoops:
+    """What the posterior predicts of the springs on the record of an observation."""
+
+    def __init__(self, material: PosteriorMaterial, index: int) -> None:
+        self.material, self.index = material, index
+        self.record = material.observations[index].record
+        self.suffix = material.suffix(index)
+
+    @cached_property
+    def of_springs(self) -> dict[str, np.ndarray]:
+        """Loops of the MAP estimate and of the draws by the springs' names, each (draw, time, 3)."""
+        bound = self.material.true_posterior.likelihood.of[self.index]
+        theta = np.vstack([self.material.best, self.material.draws])
+        return simulated_loops(bound.model, np.asarray(bound.parameters(theta)), self.record)
+
+    @cached_property
+    def drawn(self) -> list[str]:
+        """Names of the springs that are drawn, in the model's order."""
+        absorbed = {name: float(np.nanmax(np.abs(loops[0, :, 2]))) for name, loops in self.of_springs.items()}
+        most = sorted(absorbed, key=lambda name: -absorbed[name])[:MOST_SPRINGS]
+        return [name for name in self.of_springs if name in most]
+
+    def truth(self, spring: str) -> np.ndarray | None:
+        """Loop of a spring of the true model, (time, 3), if it is known."""
+        return self.material.true_loops[self.index].get(spring)
+
+    def name(self, what: str, spring: str) -> str:
+        """Name of a figure's file."""
+        return f"{what}{'_' if spring else ''}{spring.replace(' ', '_')}{self.suffix}"
+
+
+def _band(predicted: _PredictedObservation, column: int) -> Picture:
+    observation = predicted.observation
+    channel = observation.channels[column]
+    name = f"response_{channel}{predicted.suffix}"
+    unit = observation.channel_unit(channel).display
+    return Picture(
+        name,
+        f"Measured {channel} on {observation.record.name} against the posterior prediction. The dark band is what the "
+        "parameters' uncertainty alone does to the model; the light one, with the discrepancy, is where a measurement "
+        "would lie.",
+        predicted.band.draw(column, unit, ("measured", observation.values[:, column])),
+    )
+
+
+def _loops(predicted: _PredictedLoops, place: int) -> Picture:
+    spring = predicted.drawn[place]
+    loops, truth = predicted.of_springs[spring], predicted.truth(spring)
+    figure = loop_figures.loops(
+        predicted.record.time,
+        None if truth is None else (truth[:, 0] * 1e3, truth[:, 1] * 1e-3),
+        (loops[0, :, 0] * 1e3, loops[0, :, 1] * 1e-3),
+        names=("truth of the virtual experiment", "model, MAP estimate"),
+        draws=[(d[:, 0] * 1e3, d[:, 1] * 1e-3) for d in loops[1 : 1 + LOOP_DRAWS]],
+    )
+    caption = (
+        f"Hysteresis loops{f' of {spring}' if spring else ''} on {predicted.record.name}. A few cycles, from early to late, stand "
+        "for all (grey); those of posterior draws are thin."
+    )
+    caption += (
+        ""
+        if truth is None
+        else " The loops of the virtual experiment are the truth; the calibration has not seen them."
+    )
+    return Picture(predicted.name("loops", spring), caption, figure)
+
+
+def _energy(predicted: _PredictedLoops, place: int) -> Picture:
+    spring = predicted.drawn[place]
+    loops, truth = predicted.of_springs[spring], predicted.truth(spring)
+    low, high = np.nanquantile(loops[1:, :, 2], [0.05, 0.95], axis=0)
+    figure = figures.energy(
+        predicted.record.time,
+        None if truth is None else truth[:, 2],
+        loops[0, :, 2],
+        (low, high),
+    )
+    caption = f"Energy absorbed{f' by {spring}' if spring else ''} on {predicted.record.name}."
+    return Picture(predicted.name("energy", spring), caption, figure)
+
+
+SECTION = Section(
+    "response",
+    "Response",
+    _drawings,
+    nothing,
+    under_doubt="The inner band is what the parameters leave open, given this model. The outer one, with the law of the errors, is "
+    "meant to hold the measurement.",
+)

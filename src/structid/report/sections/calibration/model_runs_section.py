@@ -1,0 +1,43 @@
+"""The true runs: how they ended, and what they look like."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from structid.campaign.runs import Runs
+from structid.report.material.material import RunsMaterial
+from structid.report.section import Drawing, Picture, Rows, Section, Table
+
+
+def _how_they_ended(runs: Runs) -> Rows:
+    """How the runs of a campaign ended, what they cost, and why some failed."""
+    rows = [[status.words, f"{count}", ""] for status, count in runs.counts.items() if count]
+    seconds = runs.seconds[np.isfinite(runs.seconds) & (runs.seconds > 0)]
+    if seconds.size:
+        rows.append(["wall time of a run", f"{np.median(seconds):.3g} s", f"median; {seconds.max():.3g} s at most"])
+    again = int((runs.attempts > 1).sum())
+    if again:
+        rows.append(["tried more than once", f"{again}", ""])
+    rows += [["reason", f"{count}", reason] for reason, count in runs.failures[:20]]
+    return ["what", "runs", ""], rows
+
+
+def _tables(material: RunsMaterial) -> list[Table]:
+    return [] if material.runs is None else [Table("How they ended", _how_they_ended(material.runs), of_words=True)]
+
+
+def _drawings(material: RunsMaterial) -> list[Drawing]:
+    return [] if material.runs is None else [functools.partial(_overview, material.runs)]
+
+
+def _overview(runs: Runs) -> Picture:
+    return Picture(
+        "runs",
+        "Left: the responses of the design; at each time the bands hold 50 and 90 % of the runs. Right: the design.",
+        runs.plot(),
+    )
+
+
+SECTION = Section("true-runs", "True runs", _drawings, _tables)

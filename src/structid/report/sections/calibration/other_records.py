@@ -1,0 +1,86 @@
+"""Predictions for records that were not measured."""
+
+from __future__ import annotations
+
+import functools
+
+from structid.core.units import STANDARD_GRAVITY, label
+from structid.figures.style import pretty_unit
+from structid.report.material.material import PosteriorMaterial
+from structid.report.material.predicted_records import PredictedRecord, predicted_records
+from structid.report.section import Drawing, Picture, Section, Table
+
+
+def _tables(material: PosteriorMaterial) -> list[Table]:
+    rows = [
+        [
+            other.name,
+            f"{other.record.pga / STANDARD_GRAVITY:.3g}",
+            label(peak.channel, pretty_unit(peak.unit)),
+            *peak.cells,
+        ]
+        for other in predicted_records(material)
+        for peak in other.peaks()
+    ]
+    heads = [
+        "record",
+        "PGA [g]",
+        "largest",
+        "5 %",
+        "median",
+        "95 %",
+        *([] if material.truths[0] is None else ["truth"]),
+    ]
+    return [Table("Peak response", (heads, rows))] if rows else []
+
+
+def _words(material: PosteriorMaterial) -> list[str]:
+    if not material.other_records:
+        return []
+    words = [
+        "The peak is that of the structure: of the response with the model's own error, without the instrument's noise. The inner "
+        "band is of the response alone, the outer one of what an instrument would show."
+    ]
+    draws = predicted_records(material)[0].band.draws
+    if draws.peak_ratio is None or (draws.peak_ratio == 1.0).all():
+        return words
+    ratios = [f"{ratio:.2f} ({name})" for name, ratio in zip(draws.channels, draws.peak_ratio, strict=True)]
+    return [
+        *words,
+        f"On the measured record, the measured peak is {', '.join(ratios)} times the predicted one. One record does not tell if "
+        "other peaks are off by as much. The bands of the peaks reach from no such error to the whole of it.",
+    ]
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    return [
+        functools.partial(_band, other, number_of_it, column)
+        for number_of_it, other in enumerate(predicted_records(material), start=1)
+        for column in range(len(other.channels))
+    ]
+
+
+def _band(other: PredictedRecord, number_of_it: int, column: int) -> Picture:
+    draws = other.band.draws
+    channel = draws.channels[column]
+    name = f"other_{number_of_it}_{channel}"
+    truth, held = other.truth, other.inside(column)
+    reference = None if truth is None else ("truth of the virtual experiment", truth[:, column])
+    figure = other.band.draw(column, draws.units[channel].display, reference)
+    said = (
+        ""
+        if held is None
+        else f" The outer band holds {100 * held:.0f} % of what the structure of the virtual experiment does."
+    )
+    return Picture(name, f"Predicted {channel} for {other.name}.{said}", figure)
+
+
+SECTION = Section(
+    "other-records",
+    "Other records",
+    _drawings,
+    _tables,
+    _words,
+    "The bands allow for the drift of the parameters and for errors that grow with the motion as they did on the measured record. "
+    "What the structure does beyond that, as in a much stronger earthquake, they need not hold.",
+)

@@ -1,0 +1,249 @@
+"""The box of parameters: who passes which limits and when, with what probability, and what peaks depend on."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from structid.core.errors import Status
+from structid.core.units import factor, label
+from structid.figures import passages as figures
+from structid.figures.style import pretty, pretty_unit
+from structid.reliability.parameter_study import ParameterStudy
+from structid.reliability.passage_probability import PassageProbability, coordinate_names, coordinates_of
+from structid.report.material.material import RunsMaterial
+from structid.report.section import Drawing, Picture, Rows, Section, Table
+from structid.report.tables import in_display_unit
+
+POOR = 0.1
+"""Share of the variance that an expansion leaves out, from which its indices are doubted."""
+
+
+def _limit(study: ParameterStudy, number: int) -> str:
+    """A limit with its unit."""
+    return in_display_unit(study.passages[number].limit, study.passages[number].channel)
+
+
+def _above(study: ParameterStudy) -> str:
+    """The part of the box that is looked at by itself, in words."""
+    units = study.runs.design.space.units
+    return " and ".join(
+        f"{pretty(n)} above {value / factor(units[n]):g} {pretty_unit(units[n])}".strip()
+        for n, value in study.above.items()
+    )
+
+
+def _shares(study: ParameterStudy) -> Rows:
+    heads = ["limit", "runs that pass", "share", "first", "median", "last [s]"]
+    heads += ["in the part"] if study.above else []
+    rows = []
+    for number, found in enumerate(study.passages):
+        share, error = found.share
+        times = found.time[found.passed]
+        quantiles = [f"{q:.3f}" for q in np.quantile(times, [0.0, 0.5, 1.0])] if len(times) else ["–"] * 3
+        row = [_limit(study, number), f"{found.passed.sum()}", f"{share:.1%} ± {error:.1%}", *quantiles]
+        if study.above:
+            part = found[study.inside]
+            row.append(f"{part.passed.sum()} of {len(part)}" if len(part) else "no run there")
+        rows.append(row)
+    return heads, rows
+
+
+def _concordances(study: ParameterStudy) -> Rows:
+    heads = ["parameter or coordinate", *(_limit(study, i) for i in range(len(study.passages)))]
+    values = study.columns
+    return heads, [
+        [pretty(name), *(_share(found.concordance(values[name])) for found in study.passages)] for name in values
+    ]
+
+
+def _share(value: float) -> str:
+    return f"{value:.3f}" if np.isfinite(value) else "–"
+
+
+def _probabilities(study: ParameterStudy) -> Rows:
+    heads = ["limit", "degree", "right side of one half", "without looking", "log loss", "without looking"]
+    rows = []
+    for number, found in enumerate(study.probabilities):
+        if found is None:
+            rows.append([_limit(study, number), "–", "too few passed or too few did not", "", "", ""])
+        else:
+            rows.append(
+                [
+                    _limit(study, number), f"{found.degree}", f"{found.accuracy:.1%}", f"{found.base_accuracy:.1%}",
+                    f"{found.log_loss:.3f}", f"{found.base_log_loss:.3f}",
+                ]
+            )  # fmt: skip
+    return heads, rows
+
+
+def _indices(study: ParameterStudy) -> Rows:
+    heads = ["parameter or coordinate"]
+    for channel, found in study.sensitivities.items():
+        heads += [f"{pretty(channel)}: first", f"total ({found.left_out:.1%} left out)"]
+    found_all = list(study.sensitivities.values())
+    rows = []
+    for i, name in enumerate(found_all[0].names):
+        row = [pretty(name)]
+        for found in found_all:
+            row += [
+                f"{max(found.first[i], 0.0):.3f} ± {found.first_error[i]:.3f}",
+                f"{max(found.total[i], 0.0):.3f} ± {found.total_error[i]:.3f}",
+            ]  # fmt: skip
+        rows.append(row)
+    if found_all[0].coordinates != found_all[0].names:
+        for i, name in enumerate(found_all[0].coordinates):
+            row = [pretty(name)]
+            for found in found_all:
+                row += [f"{found.alone[i]:.3f}", ""]
+            rows.append(row)
+    return heads, rows
+
+
+def _tables(material: RunsMaterial) -> list[Table]:
+    study = material.parameter_study
+    if study is None:
+        return []
+    tables = [
+        Table("First passages", _shares(study)),
+        Table(
+            "Concordance: how often, of two runs, the one with the larger value passes later (0.5: it says nothing)",
+            _concordances(study),
+        ),
+        Table("Probability of a passage by logistic regression, in cross-validation", _probabilities(study)),
+    ]
+    if study.sensitivities:
+        tables.append(Table("Sobol' indices of the largest absolute values", _indices(study)))
+    return tables
+
+
+def _words(material: RunsMaterial) -> list[str]:
+    study = material.parameter_study
+    if study is None:
+        return []
+    runs = study.runs
+    fell = int((runs.status == Status.STRUCTURE_FAILED).sum())
+    ended = int((~runs.done).sum()) - fell
+    words = [
+        f"{len(runs):,} runs over the priors. {_early(fell, ended)} A run that did not pass has no time of passage: it tells that "
+        "its time is later than its end, and no time is put in its place."
+    ]
+    if study.above:
+        words.append(f"A part of the box is looked at by itself: {_above(study)}, {study.inside.sum():,} of the runs.")
+    if study.sensitivities:
+        words.append(
+            "Sobol' indices are of the parameters, which are independent. Of a coordinate it is said what share of the variance "
+            "it explains alone; coordinates that share a parameter depend on one another, and these shares may add up to more "
+            "than 1."
+        )
+    poor = [pretty(channel) for channel, found in study.sensitivities.items() if found.left_out > POOR]
+    if poor:
+        words.append(
+            f"The expansion of {' and of '.join(poor)} leaves out more than {POOR:.0%} of the variance: its indices are those of "
+            "the part that it explains. More runs, or coordinates on which the response depends more simply, would help."
+        )
+    return words
+
+
+def _early(fell: int, ended: int) -> str:
+    """How many runs did not reach the end of their record."""
+    if not fell + ended:
+        return "All of them reached the end of the record."
+    return (
+        f"The structure failed in {fell} of them, which counts as a passage, and {ended} ended early for another reason; those "
+        "count as far as they went."
+    )
+
+
+def _drawings(material: RunsMaterial) -> list[Drawing]:
+    study = material.parameter_study
+    if study is None:
+        return []
+    found: list[Drawing] = [functools.partial(_distributions, study)]
+    for number, passages in enumerate(study.passages):
+        if not passages.passed.any():
+            continue
+        found.append(functools.partial(_times, study, number, False))
+        if study.above:
+            found.append(functools.partial(_times, study, number, True))
+        if study.runs.design.space.dimension > 1:
+            found.append(functools.partial(_pairs, study, number))
+        probability = study.probabilities[number]
+        if probability is not None and len(study.leading_pair(number)) == 2:
+            found.append(functools.partial(_map, study, number, probability))
+    if study.sensitivities:
+        found.append(functools.partial(_bars, study))
+    return found
+
+
+def _distributions(study: ParameterStudy) -> Picture:
+    time = np.linspace(0.0, max(found.followed.max() for found in study.passages), 600)
+    curves = [(_limit(study, i), *found.distribution(time)) for i, found in enumerate(study.passages)]
+    figure = figures.distributions(time, curves)
+    return Picture(
+        "passages_in_time", "Share of the runs that have passed, by the product-limit estimate, ± 2 errors.", figure
+    )
+
+
+def _times(study: ParameterStudy, number: int, filtered: bool) -> Picture:
+    found, space = study.passages[number], study.runs.design.space
+    rows = study.inside if filtered else np.ones(len(found), dtype=bool)
+    points = np.asarray(found.design.values)[rows] / space.factors
+    units = tuple(space.units.values())
+    name = f"passages_{number + 1}_times{'_of_a_part' if filtered else ''}"
+    figure = figures.times(points, space.names, units, found.time[rows], float(found.followed.max()))
+    which = f" of the runs with {_above(study)}" if filtered else ""
+    caption = (
+        f"First passage of {_limit(study, number)}{which} against each parameter. Runs without one are above the line."
+    )
+    return Picture(name, caption, figure)
+
+
+def _pairs(study: ParameterStudy, number: int) -> Picture:
+    found, space = study.passages[number], study.runs.design.space
+    points, name = np.asarray(found.design.values) / space.factors, f"passages_{number + 1}_pairs"
+    figure = figures.pairs(points, space.names, tuple(space.units.values()), found.time)
+    return Picture(name, f"First passage of {_limit(study, number)} over pairs of parameters.", figure)
+
+
+def _map(study: ParameterStudy, number: int, probability: PassageProbability) -> Picture:
+    found, space = study.passages[number], study.runs.design.space
+    names, points = coordinate_names(space), coordinates_of(space, found.design.values)
+    first, second = study.leading_pair(number)
+    middle = np.median(points, axis=0)
+    scale = np.ones(len(names)) if space.coordinates else space.factors
+    units = ("",) * len(names) if space.coordinates else tuple(space.units.values())
+
+    def at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        where = np.tile(middle, (x.size, 1))
+        where[:, first], where[:, second] = x.ravel() * scale[first], y.ravel() * scale[second]
+        return probability.at_coordinates(where).reshape(x.shape)
+
+    name = f"passages_{number + 1}_probability"
+    figure = figures.probability_map(
+        points[:, [first, second]] / scale[[first, second]], [names[first], names[second]],
+        [units[first], units[second]], found.passed,
+        probability.at_coordinates(points), at,
+    )  # fmt: skip
+    caption = (
+        f"Probability of passing {_limit(study, number)} over the two {'coordinates' if space.coordinates else 'parameters'} that "
+        "separate the passages best; the others are at their medians. Right: mean probability of the runs, and share of passages "
+        "among them, in forty parts of the first one."
+    )
+    return Picture(name, caption, figure)
+
+
+def _bars(study: ParameterStudy) -> Picture:
+    groups = [
+        (label(f"largest {pretty(c)}", ""), s.first, s.total, s.first_error, s.total_error)
+        for c, s in study.sensitivities.items()
+    ]
+    figure = figures.indices(study.runs.design.space.names, groups)
+    return Picture("sobol_indices", "Sobol' indices, with 95 % intervals.", figure)
+
+
+SECTION = Section(
+    "parameters-and-passages", "Parameters and first passages", _drawings, _tables, _words, of_draws=False
+)
+"""What runs over the priors tell, whatever was measured."""

@@ -1,0 +1,53 @@
+"""What the best prediction leaves, whitened by the law of the discrepancy."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+
+from structid.figures import response as figures
+from structid.inference.diagnostics.residuals import UNEVEN, WhitenedResidual
+from structid.report.material.material import PosteriorMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+
+
+def _drawings(material: PosteriorMaterial) -> list[Drawing]:
+    return [
+        functools.partial(_residual, residual, material.suffix(residual.observation))
+        for residual in material.result.residuals
+    ]
+
+
+def _residual(residual: WhitenedResidual, suffix: str) -> Picture:
+    name = f"residuals_{residual.channel}{suffix}"
+    figure = figures.residuals(
+        np.arange(len(residual.autocorrelation)) * residual.dt,
+        residual.autocorrelation,
+        residual.bound,
+        *residual.spectrum,
+        residual.values,
+    )
+    return Picture(
+        name,
+        f"Whitened residuals of {residual.channel} on {residual.record} at the MAP estimate; where model and law are "
+        "right they are independent unit normals: no autocorrelation, a flat spectrum, quantiles on the line. "
+        f"{_judged(residual)}.",
+        figure,
+    )
+
+
+def _judged(residual: WhitenedResidual) -> str:
+    """What the residual says of the law, in a sentence."""
+    if residual.correlated:
+        return "They are correlated: the law of the discrepancy does not describe them, and the standard deviations are too small"
+    frequency, power = residual.peak
+    if power > UNEVEN:
+        return (
+            f"None of their correlations is large, but around {frequency:.2g} Hz they have {power:.2g} times the power of white "
+            "noise: the law of the discrepancy describes the errors only roughly"
+        )
+    return "Nothing speaks against the law of the discrepancy"
+
+
+SECTION = Section("residuals", "Residuals", _drawings, nothing)

@@ -1,0 +1,36 @@
+"""Section of a comparison: the parameters of every class side by side."""
+
+from __future__ import annotations
+
+from structid.report.material.comparison_material import ComparisonMaterial
+from structid.report.material.learnt_parameters import LearntParameter, learnt_parameters
+from structid.report.section import Section, Table, nothing
+
+
+def _tables(material: ComparisonMaterial) -> list[Table]:
+    learnt = [{p.name: p for p in learnt_parameters(one.material)} for one in material.classes]
+    every = {name: p for of_one in learnt for name, p in of_one.items()}
+    known = any(p.truth is not None for p in every.values())
+    heads = ["parameter", *material.names, *(["truth"] if known else [])]
+    rows = [
+        [p.label, *(_cell(of_one.get(name)) for of_one in learnt), *([p.true_value] if known else [])]
+        for name, p in every.items()
+    ]
+    return [Table("Mean, and 90 % interval", (heads, rows))]
+
+
+def _cell(learnt: LearntParameter | None) -> str:
+    return "–" if learnt is None else f"{learnt.value} ({learnt.in_words(learnt.honest)})"
+
+
+def _words(material: ComparisonMaterial) -> list[str]:
+    wrong = [one.name for one in material.classes if one.material.result.verdict().wrong_model]
+    if not wrong:
+        return []
+    return [
+        f"Intervals of {' and '.join(wrong)} are those for another record: the model is wrong for these data, and they allow for "
+        "the drift of its parameters. They need not hold the truth, for such parameters make up for what the model lacks."
+    ]
+
+
+SECTION: Section[ComparisonMaterial] = Section("parameters", "Parameters", nothing, _tables, _words)

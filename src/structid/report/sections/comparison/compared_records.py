@@ -1,0 +1,87 @@
+"""Section of a comparison: what every class predicts of records that were not measured."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from structid.core.units import factor, label
+from structid.figures import response as figures
+from structid.figures.style import pretty_unit
+from structid.report.material.comparison_material import ComparisonMaterial
+from structid.report.material.predicted_records import PredictedRecord, predicted_records
+from structid.report.section import Drawing, Picture, Section, Table
+
+TRUTH = "truth of the virtual experiment"
+
+
+def _together(material: ComparisonMaterial) -> list[tuple[PredictedRecord, ...]]:
+    """Predictions of the same record by every class; those whose record and channels all of them have, in the first one's order."""
+    each = [{(p.name, p.channels): p for p in predicted_records(one.material)} for one in material.classes]
+    return [tuple(of_one[what] for of_one in each) for what in each[0] if all(what in of_one for of_one in each)]
+
+
+def _tables(material: ComparisonMaterial) -> list[Table]:
+    rows, known = [], False
+    for together in _together(material):
+        for name, predicted in zip(material.names, together, strict=True):
+            for column, peak in enumerate(predicted.peaks()):
+                held = predicted.inside(column)
+                known = known or held is not None
+                cells = [*peak.cells, *([] if held is None else [f"{100 * held:.0f} %"])]
+                rows.append([predicted.name, name, label(peak.channel, pretty_unit(peak.unit)), *cells])
+    heads = [
+        "record",
+        "class",
+        "largest",
+        "5 %",
+        "median",
+        "95 %",
+        *(["truth", "of the truth inside"] if known else []),
+    ]
+    return (
+        [
+            Table(
+                "Peak response, and how much of the true history the outer 90 % band holds"
+                if known
+                else "Peak response",
+                (heads, rows),
+            )
+        ]
+        if rows
+        else []
+    )
+
+
+def _drawings(material: ComparisonMaterial) -> list[Drawing]:
+    return [
+        partial(_draw, material.names, together, number, column)
+        for number, together in enumerate(_together(material), start=1)
+        for column in range(len(together[0].band.draws.channels))
+    ]
+
+
+def _draw(names: list[str], together: tuple[PredictedRecord, ...], number: int, column: int) -> Picture:
+    draws = together[0].band.draws
+    channel = draws.channels[column]
+    unit = draws.units[channel].display
+
+    def of_channel(edges: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        low, high = edges
+        return low[:, column] / factor(unit), high[:, column] / factor(unit)
+
+    truth = together[0].truth
+    figure = figures.side_by_side(
+        draws.time,
+        None if truth is None else truth[:, column] / factor(unit),
+        [of_channel(p.band.inner) for p in together],
+        [of_channel(p.band.outer) for p in together],
+        names, channel, unit, TRUTH,
+    )  # fmt: skip
+    against = "" if truth is None else f", and the {TRUTH}, which no calibration has seen"
+    caption = f"Predicted {channel} for {together[0].name} around its peak{against}."
+    return Picture(f"other_{number}_{channel}", caption, figure)
+
+
+SECTION: Section[ComparisonMaterial] = Section("other-records", "Other records", _drawings, _tables)

@@ -1,0 +1,99 @@
+"""Section of a programme: what a filter believed of the specimen while the tests ran."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from structid.core.units import factor, label
+from structid.figures import hybrid as figure
+from structid.figures.style import pretty, pretty_unit
+from structid.hybrid.online.unscented_filter import BAND
+from structid.report.material.programme_material import ProgrammeMaterial
+from structid.report.section import Drawing, Picture, Section, Table
+from structid.report.tables import number
+
+IN_DOUBT = 3.0
+"""Standard deviations of the filter by which it is off, from which it is called overconfident."""
+SIGMAS = 2.0 * BAND
+"""Standard deviations in a band of 95 %."""
+
+
+def _followed(material: ProgrammeMaterial) -> bool:
+    return any(test.online is not None for test in material.begun.values())
+
+
+def _words(material: ProgrammeMaterial) -> list[str]:
+    if not _followed(material):
+        return []
+    said = [
+        "A filter followed the parameters move by move. It takes the law for true, its state for normal and the noise of every "
+        "force for independent. It is a help while a test runs, and no posterior."
+    ]
+    off = [row[0] for row in _beside(material) if row[-1] == "overconfident"]
+    if off:
+        said.append(
+            f"It is overconfident in {', '.join(off)}: by its own standard deviation it is {IN_DOUBT:g} or more of them away from "
+            "the posterior of the same tests."
+        )
+    return said
+
+
+def _beside(material: ProgrammeMaterial) -> list[list[str]]:
+    """The filter at the end of the test that was learnt from, beside the posterior."""
+    learnt = material.learnt
+    if learnt is None or (online := material.programme.tests[learnt.from_test].online) is None:
+        return []
+    summary = learnt.result.summary()
+    rows = []
+    for k, name in enumerate(online.names):
+        if name not in summary.names:
+            continue
+        place = list(summary.names).index(name)
+        unit, by = summary.units[place], factor(summary.units[place])
+        mean, sd = online.mean[-1, k] / by, (online.high - online.low)[-1, k] / SIGMAS / by
+        whole, own = (float(summary.columns[c][place]) for c in ("mean", "sd"))
+        far = abs(mean - whole) / sd if sd > 0.0 else np.inf
+        verdict = "overconfident" if far >= IN_DOUBT else ""
+        heads = label(pretty(name), pretty_unit(unit))
+        rows.append([heads, number(mean, sd), f"{sd:.2g}", number(whole, own), f"{own:.2g}", f"{far:.1f}", verdict])
+    return rows
+
+
+def _tables(material: ProgrammeMaterial) -> list[Table]:
+    rows = _beside(material)
+    assert material.learnt is not None or not rows
+    heads = ["parameter", "filter", "its sd", "posterior", "its sd", "apart [sd of the filter]", ""]
+    end = material.learnt.from_test if material.learnt is not None else ""
+    return [Table(f"At the end of test {end}", (heads, rows))] if rows else []
+
+
+def _draw(material: ProgrammeMaterial) -> Picture:
+    tests = {name: test.online for name, test in material.begun.items() if test.online is not None}
+    paths = list(tests.values())
+    names = paths[0].names
+    lengths = np.cumsum([0, *(len(path.mean) for path in paths)])
+    known = material.learnt.result.summary() if material.learnt is not None else None
+    units = [
+        dict(zip(known.names, known.units, strict=True)).get(name, "") if known is not None else "" for name in names
+    ]
+    by = np.array([factor(unit) for unit in units])
+    joined = [np.concatenate([getattr(path, part) for path in paths]) / by for part in ("mean", "low", "high")]
+    posterior = {}
+    if known is not None:
+        for place, name in enumerate(known.names):
+            mean, sd = float(known.columns["mean"][place]), float(known.columns["sd"][place])
+            posterior[name] = (mean - SIGMAS / 2.0 * sd, mean + SIGMAS / 2.0 * sd)
+    starts = [(name, int(first)) for name, first in zip(tests, lengths, strict=False)]
+    drawn = figure.filtered_path(names, units, starts, (joined[0], joined[1], joined[2]), posterior)
+    return Picture(
+        "filtered_path", "What the filter believed, and the posterior; grey lines: where a test begins.", drawn
+    )
+
+
+def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
+    return [partial(_draw, material=material)] if _followed(material) else []
+
+
+SECTION: Section[ProgrammeMaterial] = Section("online", "Followed while they ran", _drawings, _tables, _words)

@@ -1,0 +1,35 @@
+"""Section of a programme: force against displacement of the specimen."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from structid.figures import hybrid as figure
+from structid.report.material.programme_material import ProgrammeMaterial
+from structid.report.section import Drawing, Picture, Section, nothing
+
+DISPLAYED = {"m": ("mm", 1e3, "kN", 1e-3), "rad": ("mrad", 1e3, "kN m", 1e-3)}
+"""Unit and factor of a displacement and of its force, by the unit of the channel."""
+
+
+def _draw(material: ProgrammeMaterial, channel: int) -> Picture:
+    told = material.first.description.channels[channel]
+    unit, by, force_unit, force_by = DISPLAYED[told.unit]
+    curves = [
+        (name, by * (test.datum[channel] + test.moves.measured[:, channel]), force_by * test.moves.force[:, channel])
+        for name, test in material.begun.items()
+    ]
+    name = f"loops_{told.name}"
+    return Picture(
+        name,
+        f"Force against measured {told.name}, from the first zero of the specimen; grey: the tests before.",
+        figure.loops_of_tests(curves, (told.name, "force"), (unit, force_unit)),
+    )
+
+
+def _drawings(material: ProgrammeMaterial) -> list[Drawing]:
+    count = len(material.first.description.channels) if material.begun else 0
+    return [partial(_draw, material=material, channel=k) for k in range(count)]
+
+
+SECTION: Section[ProgrammeMaterial] = Section("loops", "Loops of the specimen", _drawings, nothing)

@@ -1,0 +1,52 @@
+"""Section of a programme: its tests in numbers, and what happened in them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from structid.report.material.programme_material import ProgrammeMaterial
+from structid.report.section import Section, Table, nothing
+from structid.report.tables import number
+
+
+def _tables(material: ProgrammeMaterial) -> list[Table]:
+    heads = [
+        "test",
+        "λ",
+        "steps",
+        "largest drift [mm]",
+        "largest force [kN]",
+        "residual [mm]",
+        "stiffness / K₀",
+        "how it ended",
+    ]
+    rows, events = [], []
+    for name, test in material.programme.tests.items():
+        scale = test.feasibility.wall_time / max(test.feasibility.steps, 1)
+        step = float(test.coarse.time[1]) if test.steps else np.nan
+        drift = 1e3 * np.abs(test.coarse.physical.displacement[:, 0]).max() if test.steps else np.nan
+        force = 1e-3 * np.abs(test.moves.force[:, 0]).max() if test.steps else np.nan
+        end = "at its end" if test.finished else (test.events[-1].what if test.events else "before its time")
+        rows.append(
+            [
+                name, number(scale / step), f"{test.steps} of {test.feasibility.steps}", number(drift), number(force),
+                number(1e3 * float(test.datum[0])), number(test.stiffness_ratio), end,
+            ]
+        )  # fmt: skip
+        events += [[name, f"{event.time:.3f}", event.what] for event in test.events]
+    tables = [Table("The tests. Residual: where the specimen was without force before the test.", (heads, rows))]
+    if events:
+        tables.append(Table("Events", (["test", "at [s]", "what"], events), of_words=True))
+    return tables
+
+
+def _words(material: ProgrammeMaterial) -> list[str]:
+    test = material.first
+    described = test.description
+    kind = "A program stood in the laboratory's place." if described.simulated else "The specimen was a structure."
+    channels = ", ".join(f"{c.name} [{c.unit}], {1e3 * c.delay:g} ms late" for c in described.channels)
+    known = [f"{name}: {w}" for name, t in material.programme.tests.items() for w in t.feasibility.warnings]
+    return [f"Specimen: {described.name}. {kind} Channels: {channels}.", *dict.fromkeys(known)]
+
+
+SECTION: Section[ProgrammeMaterial] = Section("tests", "Tests", nothing, _tables, _words)

@@ -1,1 +1,0 @@
-"""Kinds of model that a study file can name."""

@@ -1,0 +1,31 @@
+"""The stages of a study in their order. A new one is a file with its `StudyStage` and a line here."""
+
+from __future__ import annotations
+
+from structid.study.stages import (
+    campaign_runs,
+    certified_calibration,
+    deterministic_searches,
+    error_model_stage,
+    fragility_runs,
+    parameter_runs,
+    posterior_draws,
+    report_page,
+    surrogate_fit,
+)
+from structid.study.stages.stage import StudyStage
+
+STAGES: tuple[StudyStage, ...] = (
+    parameter_runs.STAGE,
+    campaign_runs.STAGE,
+    surrogate_fit.STAGE,
+    certified_calibration.STAGE,
+    error_model_stage.STAGE,
+    deterministic_searches.STAGE,
+    posterior_draws.STAGE,
+    fragility_runs.STAGE,
+)
+"""Stages that find something."""
+
+PAGE_STAGE = report_page.STAGE
+"""The stage that shows what they found."""

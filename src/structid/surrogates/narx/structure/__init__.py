@@ -1,0 +1,1 @@
+"""The structure of a NARX: terms, memories, the recursion."""

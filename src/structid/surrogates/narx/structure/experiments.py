@@ -1,0 +1,142 @@
+"""Runs as a NARX sees them: arrays of inputs and outputs in SI, and the names of these signals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from structid.campaign.runs import Runs
+from structid.core.errors import InputError
+from structid.ground_motion.excitation import Excitation
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Names of the inputs and outputs of a NARX.
+
+    Parameters
+    ----------
+    inputs : tuple of str
+        Names of the inputs in terms: ``x``, or ``x1``, ``x2``, … of several.
+    channels : tuple of str
+        Channels of the outputs.
+    kind : str
+        Kind of the excitations.
+    """
+
+    inputs: tuple[str, ...]
+    channels: tuple[str, ...]
+    kind: str = ""
+
+    @classmethod
+    def of(cls, excitation: Excitation, channels: Sequence[str]) -> Signals:
+        """Name the signals of an excitation and a response.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            One of the excitations.
+        channels : sequence of str
+            Channels of the response.
+
+        Returns
+        -------
+        Signals
+            The names.
+        """
+        count = excitation.values[:1].size
+        return cls(_names("x", count), tuple(channels), excitation.kind)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the outputs in terms: ``y``, or ``y1``, ``y2``, … of several."""
+        return _names("y", len(self.channels))
+
+
+def _names(letter: str, count: int) -> tuple[str, ...]:
+    """The letter alone, or numbered if there are several."""
+    return (letter,) if count == 1 else tuple(f"{letter}{i + 1}" for i in range(count))
+
+
+@dataclass(frozen=True, eq=False)
+class Experiments:
+    """Runs as a NARX uses them.
+
+    Parameters
+    ----------
+    x : ndarray, shape (run, time, input)
+        Inputs in SI; zero beyond the end of a shorter record.
+    y : ndarray, shape (run, time, output)
+        Outputs in SI; zero beyond the end of a shorter record.
+    counted : ndarray of bool, shape (run, time)
+        True for the samples that count: those of the record after the washout.
+    dt : float
+        Time step [s].
+    signals : Signals
+        Names of the signals.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    counted: np.ndarray
+    dt: float
+    signals: Signals
+
+    @classmethod
+    def of(cls, runs: Runs, dt: float, washout: float = 0.0) -> Experiments:
+        """Collect the arrays of runs.
+
+        Parameters
+        ----------
+        runs : Runs
+            Finished runs on one record or several.
+        dt : float
+            Their time step [s].
+        washout : float
+            Time at the start that does not count [s].
+
+        Returns
+        -------
+        Experiments
+            The arrays.
+
+        Raises
+        ------
+        InputError
+            If the washout leaves no sample of some run.
+        """
+        used = [runs.records[i] for i in runs.record_of_run]
+        samples = max(len(r) + r.dropped_samples for r in used)
+        x = np.zeros((len(runs), samples, used[0].values[:1].size))
+        y = np.zeros((len(runs), samples, len(runs.channels)))
+        counted = np.zeros((len(runs), samples), dtype=bool)
+        values = runs.values
+        for row, record in enumerate(used):
+            # The lead-in of a periodic record is not measured, but the response repeats as the record does.
+            periods = 1 + record.lead_in_periods
+            end = periods * len(record)
+            x[row, :end] = np.tile(record.values.reshape(len(record), -1), (periods, 1))
+            y[row, :end] = np.tile(values[row, : len(record)], (periods, 1))
+            counted[row, record.dropped_samples + round(washout / dt) : end] = True
+        if not counted.any(axis=1).all():
+            raise InputError("washout", f"{washout:g} s", "less than the shortest record")
+        return cls(x, y, counted, dt, Signals.of(used[0], runs.channels))
+
+
+def input_signals(stages: Any) -> Any:
+    """Return the samples of an excitation, with its lead-in, from the stages of an integration with one step for each sample.
+
+    Parameters
+    ----------
+    stages : array, shape (time, 1, 3) or (time, 1, 3, input)
+        `TracedExcitation.stages`.
+
+    Returns
+    -------
+    array, shape (time, input)
+        The samples.
+    """
+    return stages[:, 0, 0].reshape(stages.shape[0], -1)

@@ -1,0 +1,358 @@
+"""The recursion of a NARX model inside JAX: from inputs and coefficients to outputs, one step ahead or free-running.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import jax
+import numpy as np
+
+from structid.engine.device import jnp
+from structid.engine.time_loop import TimeLoop, all_finite
+from structid.surrogates.narx.structure.terms import Memory, Term
+
+State = dict[str, tuple[Any, ...]]
+"""The values of every input, output and memory at t−1, t−2, …, each of shape (run,)."""
+
+UNROLLED = 8
+"""Steps of the recursion in one pass of the loop of XLA. The overhead of a pass is about the cost of a step of 50 runs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recursion:
+    """A NARX structure, y_j(t) = Σᵢ ϑ_ji g_ji(z(t)) (thesis eqs. 2.52, 5.6), in scaled signals.
+
+    The coefficients of one run are a vector: those of the terms of the first output, of the second, …, and then the shape
+    parameters of the memories.
+
+    Parameters
+    ----------
+    terms : tuple of tuple of Term
+        Terms of each output.
+    memories : tuple of Memory
+        Memories, each made from an input, an output or an earlier memory.
+    inputs, outputs : tuple of str
+        Names of the signals.
+    dt : float
+        Time step [s].
+    scales : mapping of str to float
+        Scales by which inputs, outputs and integrals are divided.
+    initial : ndarray, shape (output,)
+        Scaled outputs at the first sample.
+    """
+
+    terms: tuple[tuple[Term, ...], ...]
+    memories: tuple[Memory, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    dt: float
+    scales: Mapping[str, float]
+    initial: np.ndarray
+
+    @cached_property
+    def depth(self) -> dict[str, int]:
+        """Largest lag of each signal."""
+        depth = dict.fromkeys([*self.inputs, *self.outputs, *(m.name for m in self.memories)], 1)
+        for term in (t for of_output in self.terms for t in of_output):
+            for signal, lag in term.signals:
+                depth[signal] = max(depth[signal], lag)
+        return depth
+
+    @property
+    def linear_size(self) -> int:
+        """Number of coefficients of terms."""
+        return sum(map(len, self.terms))
+
+    @property
+    def size(self) -> int:
+        """Length of a coefficient vector."""
+        return self.linear_size + sum(m.shapes for m in self.memories)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The term or shape parameter that each coefficient belongs to."""
+        several = len(self.outputs) > 1
+        linear = [
+            f"{y}: {t}" if several else str(t) for y, of in zip(self.outputs, self.terms, strict=True) for t in of
+        ]
+        return (*linear, *(f"{m.name}: {s}" for m in self.memories if m.shapes for s in ("b", "g")))
+
+    # --- one step -----------------------------------------------------------------------------------------------
+
+    def values(self, state: State, row: Any) -> dict[tuple[str, int], Any]:
+        """Collect every lagged signal at one time.
+
+        Parameters
+        ----------
+        state : State
+            What came before.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
+
+        Returns
+        -------
+        dict of Lagged to array
+            The lagged signals that terms may use.
+        """
+        known = {(name, 0): row[i] for i, name in enumerate(self.inputs)}
+        for signal, past in state.items():
+            known.update({(signal, k): value for k, value in enumerate(past, 1)})
+        return known
+
+    def outputs_of(self, coefficients: Any, values: Mapping[tuple[str, int], Any], time: Any) -> list[Any]:
+        """Compute the outputs one step ahead.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ.
+        values : mapping
+            Lagged signals.
+        time : jax.Array
+            Time [s].
+
+        Returns
+        -------
+        list of jax.Array, shape (run,)
+            One for each output.
+        """
+        found, start = [], 0
+        for of_output in self.terms:
+            found.append(sum(coefficients[start + i] * t.evaluate(values, time) for i, t in enumerate(of_output)))
+            start += len(of_output)
+        return found
+
+    def advance(self, coefficients: Any, state: State, row: Any, outputs: Sequence[Any]) -> State:
+        """Add the inputs and outputs of one time to the state and update the memories.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ; only the shapes at its end are used.
+        state : State
+            The state before the step.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
+        outputs : sequence of jax.Array, shape (run,)
+            The outputs now.
+
+        Returns
+        -------
+        State
+            The state after the step.
+        """
+        # An input may be the same for all runs, a state is one for each.
+        now = {name: jnp.broadcast_to(row[i], outputs[0].shape) for i, name in enumerate(self.inputs)}
+        now |= dict(zip(self.outputs, outputs, strict=True))
+        shape = self.linear_size
+        for memory in self.memories:
+            held = state[memory.name][0]
+            s_now, s_before = now[memory.of], state[memory.of][0]
+            if memory.kind == "integral":
+                value = held + self._rate(memory) * 0.5 * (s_now + s_before)
+            else:
+                value = _hysteresis(held, s_now - s_before, coefficients[shape], coefficients[shape + 1])
+            shape += memory.shapes
+            now[memory.name] = value
+        return {signal: (now[signal], *past[:-1]) for signal, past in state.items()}
+
+    def step(self, coefficients: Any, state: State, row: Any, time: Any, bound: float) -> State:
+        """Simulate one step from the model's own past.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ.
+        state : State
+            The state before the step.
+        row : jax.Array, shape (input or more, ...)
+            The inputs now.
+        time : jax.Array
+            Time [s].
+        bound : float
+            Outputs are kept within ± this value, so that a run that diverges stays finite.
+
+        Returns
+        -------
+        State
+            The state after the step.
+        """
+        found = self.outputs_of(coefficients, self.values(state, row), time)
+        return self.advance(coefficients, state, row, [_bounded(y, bound) for y in found])
+
+    def _rate(self, memory: Memory) -> float:
+        """Scaled increment of an integral for one step of its scaled signal."""
+        return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
+
+    def at_rest(self, like: Any, row: Any) -> State:
+        """Return the state after the first sample: outputs at their initial values, all else zero before.
+
+        Parameters
+        ----------
+        like : jax.Array, shape (run,)
+            Any array with one value for each run.
+        row : jax.Array, shape (input or more, ...)
+            The inputs at the first sample.
+
+        Returns
+        -------
+        State
+            The state.
+        """
+        zero = like * 0.0
+        state = {x: (zero + row[i], *[zero] * (self.depth[x] - 1)) for i, x in enumerate(self.inputs)}
+        state |= {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
+        return state | {m.name: (zero,) * self.depth[m.name] for m in self.memories}
+
+    def last(self, state: State) -> Any:
+        """Latest outputs in a state.
+
+        Parameters
+        ----------
+        state : State
+            The state.
+
+        Returns
+        -------
+        jax.Array, shape (output, run)
+            Scaled.
+        """
+        return jnp.stack([state[y][0] for y in self.outputs])
+
+    # --- many steps ---------------------------------------------------------------------------------------------
+
+    def free_loop(self, coefficients: Any, signals: Any, bound: float, unroll: int = UNROLLED) -> TimeLoop:
+        """Give the loop that simulates from the past outputs of the model itself.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run.
+        signals : array, shape (time + 1, input or more) or (time + 1, input or more, run)
+            Scaled inputs, first of all. What a step from the last sample would need stands in the last row.
+        bound : float
+            Outputs are kept within ± this value.
+        unroll : int
+            Steps in one pass of the loop of XLA.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen are the scaled outputs (output, run).
+        """
+
+        def step(state: State, at: Any) -> tuple[State, Any]:
+            row, time = at
+            # What is seen is the previous output, which the state holds: to show the new one XLA would compute all terms twice.
+            return self.step(coefficients, state, row, time, bound), self.last(state)
+
+        start = self.at_rest(coefficients[0], signals[0])
+        return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite, unroll)
+
+    def restarted_loop(
+        self, coefficients: Any, signals: Any, again: Callable[[np.ndarray], Any], bound: float, unroll: int = UNROLLED
+    ) -> TimeLoop:
+        """Give the loop that starts again from the measured past at some samples.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run.
+        signals : jax.Array, shape (time + 1, input and output or more, run)
+            Scaled inputs and measured outputs, as in `free_loop`.
+        again : callable
+            Says of numbers of samples whether the next one is simulated from the measured past.
+        bound : float
+            Outputs are kept within ± this value.
+        unroll : int
+            Steps in one pass of the loop of XLA.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen are the scaled outputs (output, run).
+        """
+
+        def step(carried: tuple[State, State], at: Any) -> tuple[tuple[State, State], Any]:
+            (state, measured), (row, time, starts) = carried, at
+            seen = self.last(state)
+            state = jax.tree.map(lambda free, known: jnp.where(starts > 0, known, free), state, measured)
+            after = self.step(coefficients, state, row, time, bound)
+            return (after, self.advance(coefficients, measured, row, self.measured_outputs(row))), seen
+
+        start = self._from_measured(coefficients[0], signals[0])
+        times = self._times(signals)
+        starts = np.asarray(again(np.arange(len(times)))).astype(float)
+        return TimeLoop((start, start), step, (signals[1:], times, starts), 0, all_finite, unroll)
+
+    def one_step_loop(self, coefficients: Any, signals: Any) -> TimeLoop:
+        """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them.
+
+        Parameters
+        ----------
+        coefficients : jax.Array, shape (coefficient, run)
+            ϑ of every run; only the shapes of the memories, at its end, are used.
+        signals : jax.Array, shape (time + 1, input and output or more, run)
+            Scaled inputs and measured outputs, as in `free_loop`.
+
+        Returns
+        -------
+        TimeLoop
+            What is seen, beginning at the second sample, are the terms of all outputs (term, run).
+        """
+
+        def step(state: State, at: Any) -> tuple[State, Any]:
+            row, time = at
+            values, measured = self.values(state, row), self.measured_outputs(row)
+            ones = jnp.ones_like(measured[0])
+            terms = jnp.stack([ones * t.evaluate(values, time) for of in self.terms for t in of])
+            return self.advance(coefficients, state, row, measured), terms
+
+        start = self._from_measured(coefficients[0], signals[0])
+        return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite)
+
+    def measured_outputs(self, row: Any) -> list[Any]:
+        """Measured outputs in a row of inputs and outputs.
+
+        Parameters
+        ----------
+        row : jax.Array, shape (input and output or more, run)
+            The row.
+
+        Returns
+        -------
+        list of jax.Array, shape (run,)
+            One for each output.
+        """
+        return [row[len(self.inputs) + i] for i in range(len(self.outputs))]
+
+    def _from_measured(self, like: Any, row: Any) -> State:
+        """State after the first sample, with its measured outputs."""
+        start = self.at_rest(like, row)
+        measured = zip(self.outputs, self.measured_outputs(row), strict=True)
+        return start | {name: (y, *start[name][1:]) for name, y in measured}
+
+    def _times(self, signals: Any) -> np.ndarray:
+        """Times [s] of the second sample and on."""
+        return np.arange(1, signals.shape[0]) * self.dt
+
+
+def _hysteresis(held: Any, change: Any, b: Any, g: Any) -> Any:
+    """One step of Δm = Δs − b |Δs| m − g Δs |m|, by the midpoint rule."""
+
+    def slope(m: Any) -> Any:
+        return change - b * jnp.abs(change) * m - g * change * jnp.abs(m)
+
+    # A memory that diverges stays finite, as outputs do.
+    return _bounded(held + slope(held + 0.5 * slope(held)), 1e3)
+
+
+def _bounded(value: Any, bound: float) -> Any:
+    """Keep a value within ± a bound; NaN becomes the bound. In XLA this takes a third of the time of a clip."""
+    return jnp.where(value < bound, jnp.where(value > -bound, value, -bound), bound)

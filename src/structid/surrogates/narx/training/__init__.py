@@ -1,0 +1,1 @@
+"""Training of a NARX: which terms it has, and their coefficients."""

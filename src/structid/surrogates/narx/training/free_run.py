@@ -1,0 +1,236 @@
+"""Compiled free runs of a NARX over a training set: errors, sensitivities, and the normal equations made of them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from structid.engine.device import jnp
+from structid.engine.lanes.in_lanes import InLanes
+from structid.engine.time_loop import Fold, TimeLoop, sum_of_squares, with_sensitivities
+from structid.surrogates.narx.structure.recursion import UNROLLED, Recursion
+from structid.surrogates.narx.training.training_set import TrainingSet
+
+LARGEST_ERROR = 1e6
+"""Largest error of a free run; a larger one, or a run that is not finite, counts as this."""
+
+
+class FreeRun:
+    """Compiled runs of a recursion over a training set.
+
+    Parameters
+    ----------
+    recursion : Recursion
+        The structure.
+    bound : float
+        Outputs are kept within ± this value.
+    horizon : int, optional
+        Number of samples after which the run starts again from the measured past; if left out, it never does.
+    known : int
+        Number of measured samples at the beginning, after which the run is free.
+    """
+
+    def __init__(self, recursion: Recursion, bound: float, horizon: int | None = None, known: int = 0) -> None:
+        self.recursion, self.bound, self.horizon, self.known = recursion, bound, horizon, known
+        self._compiled_outputs = InLanes(self._outputs, 2)
+        self._compiled_errors = InLanes(self._errors, 1)
+        self._compiled_normal = InLanes(self._normal, 2)
+        self._compiled_regression = InLanes(self._regression, 1)
+
+    def _loop(self, coefficients: Any, signals: Any, unroll: int = UNROLLED) -> TimeLoop:
+        if self.horizon is None and not self.known:
+            return self.recursion.free_loop(coefficients, signals, self.bound, unroll)
+        return self.recursion.restarted_loop(coefficients, signals, self._starts, self.bound, unroll)
+
+    def _starts(self, samples: np.ndarray) -> np.ndarray:
+        """Whether the run starts from the measured past at some samples."""
+        return samples < self.known if self.horizon is None else samples % self.horizon == 0
+
+    def _outputs(self, rows: Any, signals: Any) -> Any:
+        """Scaled outputs (time, output, run)."""
+        return self._loop(rows.T, signals).run()[0]
+
+    def _residual(self, outputs: Any, row: Any) -> Any:
+        """Residuals y − ŷ (output, run), zero where a sample does not count."""
+        return jnp.where(row[-1] > 0, jnp.stack(self.recursion.measured_outputs(row)) - outputs, 0.0)
+
+    def _errors(self, rows: Any, signals: Any) -> Any:
+        """Σ(y − ŷ)² (output, run)."""
+        squares = sum_of_squares(_zeros(rows, len(self.recursion.outputs)))
+        return self._loop(rows.T, signals).folded(squares, signals[:-1], self._residual)[0]
+
+    def _normal(self, rows: Any, signals: Any) -> tuple[Any, Any]:
+        """JᵀJ, its lower triangle row by row, (pair, output, run) and Jᵀr (coefficient, output, run)."""
+        # A step with all its sensitivities is long; unrolled it would take XLA two to ten times as long to run and to compile.
+        loop = with_sensitivities(lambda c: self._loop(c, signals, unroll=1), rows.T)
+
+        def sample(seen: tuple[Any, Any], row: Any) -> tuple[Any, Any]:
+            outputs, sensitivities = seen
+            return sensitivities * row[-1], self._residual(outputs, row)
+
+        shape = self.recursion.size, len(self.recursion.outputs)
+        found: tuple[Any, Any] = loop.folded(_products(rows, *shape), signals[:-1], sample)[0]
+        return found
+
+    def _regression(self, rows: Any, signals: Any) -> list[tuple[Any, Any]]:
+        """ΦᵀΦ (pair, run) and Φᵀy (term, run) of each output: its terms along the measured outputs take the place of J."""
+        recursion = self.recursion
+        ends = np.cumsum([len(of_output) for of_output in recursion.terms])
+        each = [_products(rows, len(of_output)) for of_output in recursion.terms]
+        own = [slice(end - len(of_output), end) for end, of_output in zip(ends, recursion.terms, strict=True)]
+
+        def folded(sums: Any, at: tuple[Any, Any]) -> Any:
+            terms, row = at
+            counted = terms * row[-1]
+            parts = zip(each, own, recursion.measured_outputs(row), sums, strict=True)
+            return [fold.step(sum_, (counted[place], y)) for fold, place, y, sum_ in parts]
+
+        all_outputs = Fold(
+            [fold.start for fold in each],
+            folded,
+            lambda sums: [fold.value(sum_) for fold, sum_ in zip(each, sums, strict=True)],
+        )
+        loop = recursion.one_step_loop(rows.T, signals)
+        found: list[tuple[Any, Any]] = loop.folded(all_outputs, signals[1:], lambda terms, row: (terms, row))[0]
+        return found
+
+    def outputs(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
+        """Compute the scaled outputs of every run.
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (run, coefficient)
+            ϑ of every run.
+        data : TrainingSet
+            The experiments.
+
+        Returns
+        -------
+        ndarray, shape (run, time, output)
+            Outputs, kept within ± the bound.
+        """
+        return np.asarray(np.moveaxis(self._compiled_outputs(coefficients, signals=data.signals), 2, 0))
+
+    def errors(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
+        """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65).
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (run, coefficient)
+            ϑ of every run.
+        data : TrainingSet
+            The experiments.
+
+        Returns
+        -------
+        ndarray, shape (run, output)
+            Errors; `LARGEST_ERROR` where the run is not finite.
+        """
+        found = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
+        return np.minimum(np.where(np.isfinite(found), found, LARGEST_ERROR), LARGEST_ERROR)
+
+    def normal_equations(self, coefficients: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
+        """Compute JᵀJ and Jᵀr of the free run, relative to Σ(y − ȳ)² of each run and output.
+
+        Parameters
+        ----------
+        coefficients : ndarray, shape (run, coefficient)
+            ϑ of every run.
+        data : TrainingSet
+            The experiments.
+
+        Returns
+        -------
+        tuple of ndarray
+            (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
+        """
+        square, inner = self._compiled_normal(coefficients, signals=data.signals)
+        return _relative(_symmetric(square), _runs_first(inner), data.spread)
+
+    def regression_equations(self, shapes: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
+        """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output.
+
+        Parameters
+        ----------
+        shapes : ndarray, shape (run, coefficient)
+            Coefficient vectors; only the shapes of the memories, at their end, are used.
+        data : TrainingSet
+            The experiments.
+
+        Returns
+        -------
+        tuple of ndarray
+            (run, output, coefficient, coefficient) and (run, output, coefficient); zero where they are not finite.
+        """
+        size, outputs = self.recursion.size, len(self.recursion.outputs)
+        square, inner = np.zeros((len(shapes), outputs, size, size)), np.zeros((len(shapes), outputs, size))
+        start = 0
+        for index, (pairs, products) in enumerate(self._compiled_regression(shapes, signals=data.signals)):
+            own = slice(start, start + len(products))
+            square[:, index, own, own], inner[:, index, own] = _symmetric(pairs), products.T
+            start = own.stop
+        return _relative(square, inner, data.spread)
+
+
+def _zeros(rows: Any, *shape: int) -> Any:
+    """Zeros (…, run)."""
+    return jnp.zeros((*shape, rows.shape[0]))
+
+
+def _products(rows: Any, size: int, *more: int) -> Fold:
+    """Σ aᵢaⱼ for all i and j ≤ i, (pair, …, run), and Σ aᵢb, (size, …, run), of samples a (size, …, run) and b (…, run)."""
+
+    def folded(sums: tuple[list[Any], Any], sample: tuple[Any, Any]) -> tuple[list[Any], Any]:
+        (pairs, products), (a, b) = sums, sample
+        return [pairs[i] + a[i] * a[: i + 1] for i in range(size)], products + a * b
+
+    start = [_zeros(rows, i + 1, *more) for i in range(size)], _zeros(rows, size, *more)
+    return Fold(start, folded, lambda sums: (jnp.concatenate(sums[0]), sums[1]))
+
+
+def _symmetric(pairs: np.ndarray) -> np.ndarray:
+    """Matrices (run, …, size, size) from their lower triangles, (pair, …, run)."""
+    triangles = _runs_first(pairs)
+    size = (math.isqrt(8 * len(pairs) + 1) - 1) // 2
+    found, (i, j) = np.empty((*triangles.shape[:-1], size, size)), np.tril_indices(size)
+    found[..., i, j] = found[..., j, i] = triangles
+    return found
+
+
+def _runs_first(found: np.ndarray) -> np.ndarray:
+    """(run, …, number) from (number, …, run)."""
+    return np.moveaxis(found, (0, -1), (-1, 0))
+
+
+def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normal equations divided by Σ(y − ȳ)²; zero where they are not finite or too large."""
+    good = np.isfinite(square).all(axis=(2, 3)) & np.isfinite(inner).all(axis=2) & (np.abs(square).max((2, 3)) < 1e14)
+    with np.errstate(invalid="ignore"):
+        square = np.where(good[:, :, None, None], square / spread[:, :, None, None], 0.0)
+        inner = np.where(good[:, :, None], inner / spread[:, :, None], 0.0)
+    return square, inner
+
+
+def robust_loss(errors: np.ndarray, scale: float, weights: np.ndarray | None = None) -> float:
+    """Compute the mean of log(1 + ε/s): runs that diverge do not dominate it.
+
+    Parameters
+    ----------
+    errors : ndarray, shape (run, output)
+        Relative errors.
+    scale : float
+        s.
+    weights : ndarray, shape (run,), optional
+        Weight of each run.
+
+    Returns
+    -------
+    float
+        The loss.
+    """
+    return float(np.average(np.log1p(errors / scale).mean(axis=1), weights=weights))

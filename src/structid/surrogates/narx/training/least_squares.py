@@ -1,0 +1,174 @@
+"""Training of NARX coefficients that depend on parameters, by least squares on the free-run error.
+
+The coefficients of run k are ϑ_k = A ψ(ξ_k), where ψ are features of its parameters. One step ahead the outputs are linear in A. In
+a free run they are not, but differentiating the recursion gives the sensitivities J_k = ∂y_k/∂ϑ_k. The Gauss–Newton step has the
+form of the joint one-step regression, with sensitivities in place of regressors:
+
+    Σ_k w_k (J_kᵀJ_k ⊗ ψ_kψ_kᵀ) vec ΔA = Σ_k w_k (J_kᵀr_k ⊗ ψ_k)
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from structid.core.progress import Progress
+from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
+from structid.surrogates.narx.training.one_step_regression import joint_solution
+from structid.surrogates.narx.training.training_set import TrainingSet
+
+SMALLEST_GAIN = 1e-3
+"""Relative decrease of the loss; a smaller one ends the training."""
+
+
+@dataclass
+class Trained:
+    """Trained coefficients and the history of their training.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (coefficient, feature)
+        A.
+    history : list of dict
+        For each step its loss, and the mean and largest error over the training runs and over the held-out runs.
+    """
+
+    coefficients: np.ndarray
+    history: list[dict[str, float]] = field(default_factory=list)
+
+
+def train_free_run(
+    runs: FreeRun,
+    start: np.ndarray,
+    features: np.ndarray,
+    data: TrainingSet,
+    held_out: tuple[np.ndarray, TrainingSet] | None,
+    steps: int,
+    scale: float,
+    progress: Progress | None = None,
+) -> Trained:
+    """Minimise the robust loss of the free-run error by Levenberg–Marquardt with iteratively updated weights.
+
+    A step is accepted only if the loss falls; otherwise the damping is raised. No step can therefore make a good model diverge.
+    The coefficients that did best on the held-out runs are kept.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs.
+    start : ndarray, shape (coefficient, feature)
+        A to start from.
+    features : ndarray, shape (run, feature)
+        ψ of the training runs.
+    data : TrainingSet
+        The training runs.
+    held_out : tuple of ndarray and TrainingSet, optional
+        ψ and data of runs that decide which coefficients are kept; the training runs decide if left out.
+    steps : int
+        Largest number of steps.
+    scale : float
+        Scale s of the loss; see `robust_loss`.
+    progress : callable, optional
+        Called with the number of finished steps and the largest number.
+
+    Returns
+    -------
+    Trained
+        The best coefficients.
+    """
+    current, damping = start, 1e-3
+    errors = runs.errors(features @ current.T, data)
+    loss = robust_loss(errors, scale, data.weights)
+    best = Trained(start, [_entry(loss, errors, current, runs, held_out, scale)])
+    lowest = best.history[-1]["judged"]
+    for step in range(steps):
+        square, inner = runs.normal_equations(features @ current.T, data)
+        weights = 1.0 / (scale + errors)  # derivative of the loss by ε
+        square = np.einsum("ro,roij->rij", weights, square)
+        inner = np.einsum("ro,roi->ri", weights, inner)
+        gained = 0.0
+        for _ in range(6):
+            trial = current + joint_solution(square, inner, features, data.weights, damping)
+            trial_errors = runs.errors(features @ trial.T, data)
+            gained = loss - robust_loss(trial_errors, scale, data.weights)
+            if gained > 0:
+                break
+            damping *= 10.0
+        if gained <= 0:
+            break
+        current, errors, loss, damping = trial, trial_errors, loss - gained, max(damping / 5.0, 1e-10)
+        best.history.append(_entry(loss, errors, current, runs, held_out, scale))
+        if best.history[-1]["judged"] < lowest:
+            best.coefficients, lowest = current, best.history[-1]["judged"]
+        if progress is not None:
+            progress(step + 1, steps)
+        if gained < SMALLEST_GAIN * loss:
+            break
+    return best
+
+
+def _entry(
+    loss: float,
+    errors: np.ndarray,
+    current: np.ndarray,
+    runs: FreeRun,
+    held_out: tuple[np.ndarray, TrainingSet] | None,
+    scale: float,
+) -> dict[str, float]:
+    """One entry of the history; ``judged`` is the loss that decides which coefficients are kept."""
+    entry = {"loss": loss, "mean": float(errors.mean()), "worst": float(errors.max()), "judged": loss}
+    if held_out is not None:
+        features, data = held_out
+        unseen = runs.errors(features @ current.T, data)
+        entry |= {"held_out_mean": float(unseen.mean()), "held_out_worst": float(unseen.max())}
+        entry["judged"] = robust_loss(unseen, scale, data.weights)
+    return entry
+
+
+def refined_coefficients(
+    runs: FreeRun, start: np.ndarray, data: TrainingSet, steps: int, progress: Progress | None = None
+) -> np.ndarray:
+    """Refine the coefficients of every run on its own free run: maximum a posteriori around given ones, by Gauss–Newton.
+
+    The standard deviation of the prior is a tenth of that of the given coefficients over the runs. The noise is the error that
+    the given coefficients leave.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs.
+    start : ndarray, shape (run, coefficient)
+        Mean of the prior, and where the search starts.
+    data : TrainingSet
+        The runs.
+    steps : int
+        Gauss–Newton steps; a run keeps one only if its error falls.
+    progress : callable, optional
+        Called with the number of finished steps and the total.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    deviation = 0.1 * np.maximum(start.std(axis=0), 1e-3 * np.abs(start).max(axis=0) + 1e-9)
+    current = start
+    errors = runs.errors(current, data).mean(axis=1)
+    noise = max(float(np.median(errors)), 1e-12) / data.y.shape[1]
+    for step in range(steps):
+        square, inner = runs.normal_equations(current, data)
+        square, inner = square.mean(axis=1) / noise, inner.mean(axis=1) / noise
+        # In units of its standard deviation the covariance of the prior is the identity, and the system is well conditioned.
+        matrix = square * deviation[:, None] * deviation + np.eye(len(deviation))
+        right = inner * deviation - (current - start) / deviation
+        trial = current + np.linalg.solve(matrix, right[:, :, None])[:, :, 0] * deviation
+        found = runs.errors(trial, data).mean(axis=1)
+        better = found < errors
+        current = np.where(better[:, None], trial, current)
+        errors = np.where(better, found, errors)
+        if progress is not None:
+            progress(step + 1, steps)
+    return current

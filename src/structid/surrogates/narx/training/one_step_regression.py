@@ -1,0 +1,195 @@
+"""One-step regression of NARX coefficients: one step ahead the outputs are linear in them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from structid.core.progress import Progress, Steps
+from structid.surrogates.narx.structure.recursion import Recursion
+from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
+from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
+
+FIRST_SHAPES = (0.1, 0.25, 0.6, 1.5)
+"""Values of the shape b of a hysteresis to try, relative to the size of its source signal; g starts from zero."""
+
+RIDGES = (1e-10, 1e-8, 1e-6, 1e-4)
+"""Ridges of the joint regression to try."""
+
+TRIED_RUNS = 100
+"""Largest number of runs by which the first coefficients and sets of terms are judged."""
+
+
+def joint_solution(
+    square: np.ndarray, inner: np.ndarray, features: np.ndarray, weights: np.ndarray, ridge: float
+) -> np.ndarray:
+    """Solve the joint normal equations, scaled to a unit diagonal, with a ridge.
+
+    Σ_k w_k (G_k ⊗ ψ_kψ_kᵀ) vec A = Σ_k w_k (g_k ⊗ ψ_k), where G_k is ΦᵀΦ of the one-step regression or JᵀJ of a Gauss–Newton step.
+
+    Parameters
+    ----------
+    square : ndarray, shape (run, coefficient, coefficient)
+        G_k of each run: ΦᵀΦ or JᵀJ.
+    inner : ndarray, shape (run, coefficient)
+        g_k of each run: Φᵀy or Jᵀr.
+    features : ndarray, shape (run, feature)
+        ψ_k.
+    weights : ndarray, shape (run,)
+        w_k.
+    ridge : float
+        Value added to the unit diagonal.
+
+    Returns
+    -------
+    ndarray, shape (coefficient, feature)
+        A, or ΔA of a Gauss–Newton step.
+    """
+    size, width = square.shape[1], features.shape[1]
+    # Σ_k w_k G_k ⊗ ψ_kψ_kᵀ as one product of matrices.
+    outer = (features[:, :, None] * features[:, None, :]).reshape(len(features), -1)
+    matrix = (square * weights[:, None, None]).reshape(len(features), -1).T @ outer
+    matrix = matrix.reshape(size, size, width, width).transpose(0, 2, 1, 3).reshape(size * width, size * width)
+    right = np.einsum("r,ri,rp->ip", weights, inner, features, optimize=True).ravel()
+    scale = np.sqrt(np.diag(matrix))
+    scale = np.where(scale > 0, scale, 1.0)
+    matrix = matrix / scale[:, None] / scale + ridge * np.eye(len(matrix))
+    return np.asarray(np.linalg.solve(matrix, right / scale) / scale).reshape(size, width)
+
+
+def first_coefficients(
+    runs: FreeRun,
+    features: np.ndarray,
+    data: TrainingSet,
+    ridges: Sequence[float] = RIDGES,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Fit A by joint one-step regression; free runs of some experiments choose the shapes of the hystereses and the ridge.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs.
+    features : ndarray, shape (run, feature)
+        ψ of the experiments.
+    data : TrainingSet
+        The experiments.
+    ridges : sequence of float
+        Ridges to try.
+    progress : callable, optional
+        Called with the number of finished trials and the total.
+
+    Returns
+    -------
+    ndarray, shape (coefficient, feature)
+        The best A; the shapes do not depend on the parameters.
+    """
+    recursion = runs.recursion
+    tried = spread_rows(data.weights, TRIED_RUNS)
+    best, lowest = np.zeros((recursion.size, features.shape[1])), np.inf
+    shapes = FIRST_SHAPES if any(m.shapes for m in recursion.memories) else (0.0,)
+    step_done = Steps(progress, len(shapes) * len(ridges))
+    for shape in shapes:
+        vector = constant_shapes(recursion, shape)
+        square, inner = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
+        square, inner = square.sum(axis=1), inner.sum(axis=1)
+        for ridge in ridges:
+            found = joint_solution(square, inner, features, data.weights, ridge)
+            found[recursion.linear_size :, 0] = vector[recursion.linear_size :]
+            loss = robust_loss(runs.errors(features[tried] @ found.T, data[tried]), 1e-3)
+            if loss < lowest:
+                best, lowest = found, loss
+            step_done()
+    return best
+
+
+def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
+    """Return a coefficient vector with nothing but shapes: b as given and g zero.
+
+    Parameters
+    ----------
+    recursion : Recursion
+        The structure.
+    shape : float
+        b of every hysteresis.
+
+    Returns
+    -------
+    ndarray, shape (coefficient,)
+        The vector.
+    """
+    vector = np.zeros(recursion.size)
+    vector[recursion.linear_size :: 2] = shape
+    return vector
+
+
+def per_experiment_solution(
+    recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: np.ndarray
+) -> np.ndarray:
+    """Fit the coefficients of every experiment on its own by ordinary least squares (thesis eq. 2.62).
+
+    Parameters
+    ----------
+    recursion : Recursion
+        The structure.
+    square, inner : ndarray
+        One-step normal equations of each run and output.
+    vector : ndarray, shape (coefficient,)
+        Coefficient vector whose shapes are kept.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    found = np.tile(vector, (len(square), 1))
+    start = 0
+    for output, terms in enumerate(recursion.terms):
+        own = slice(start, start + len(terms))
+        found[:, own] = batched_solution(square[:, output, own, own], inner[:, output, own])
+        start += len(terms)
+    return found
+
+
+def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> np.ndarray:
+    """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs of the structure.
+    data : TrainingSet
+        The experiments.
+
+    Returns
+    -------
+    ndarray, shape (run, coefficient)
+        ϑ of every run.
+    """
+    vector = constant_shapes(runs.recursion, FIRST_SHAPES[1])
+    equations = runs.regression_equations(np.tile(vector, (len(data), 1)), data)
+    return per_experiment_solution(runs.recursion, *equations, vector)
+
+
+def batched_solution(gram: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Solve many small normal equations, scaled to a unit diagonal, with a ridge at the level of rounding.
+
+    Parameters
+    ----------
+    gram : ndarray, shape (run, term, term)
+        ΦᵀΦ of each run.
+    covariance : ndarray, shape (run, term)
+        Φᵀy of each run.
+
+    Returns
+    -------
+    ndarray, shape (run, term)
+        The solutions.
+    """
+    scale = np.sqrt(np.maximum(np.einsum("rii->ri", gram), 1e-300))
+    standard = gram / scale[:, :, None] / scale[:, None, :] + 1e-12 * np.eye(gram.shape[1])
+    return np.asarray(np.linalg.solve(standard, (covariance / scale)[:, :, None])[:, :, 0] / scale)

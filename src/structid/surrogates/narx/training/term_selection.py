@@ -1,0 +1,109 @@
+"""Selection of NARX terms by the free-run error of nested sets of them, over all experiments."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from structid.core.progress import Progress
+from structid.surrogates.chaos.lars import least_angle_order, orthogonal_order
+from structid.surrogates.narx.structure.recursion import Recursion
+from structid.surrogates.narx.structure.terms import Term
+from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
+from structid.surrogates.narx.training.one_step_regression import (
+    FIRST_SHAPES,
+    TRIED_RUNS,
+    batched_solution,
+    constant_shapes,
+    per_experiment_solution,
+)
+from structid.surrogates.narx.training.training_set import TrainingSet, spread_rows
+
+MOST_CANDIDATES = 60
+"""Largest number of sets of terms that are compared by their free runs."""
+
+
+def select_terms(
+    runs: FreeRun, data: TrainingSet, method: str, most: int | None, progress: Progress | None = None
+) -> Recursion:
+    """Choose terms as in the first phase of the thesis, by the free-run error over all experiments (eqs. 2.62 to 2.66).
+
+    Each experiment orders the terms by its own one-step regression and so proposes nested sets of them. Each proposed set is
+    refitted to every experiment by ordinary least squares and run freely there. The set with the smallest robust loss is kept.
+
+    Parameters
+    ----------
+    runs : FreeRun
+        Compiled runs of the full structure.
+    data : TrainingSet
+        The experiments.
+    method : {"lars", "orthogonal"}
+        How each experiment orders the terms: by least angle regression or by orthogonal least squares.
+    most : int, optional
+        Largest number of terms of an output.
+    progress : callable, optional
+        Called with the number of finished outputs and the total.
+
+    Returns
+    -------
+    Recursion
+        The structure with the chosen terms.
+    """
+    recursion = runs.recursion
+    some = data[spread_rows(data.weights, TRIED_RUNS)]
+    vector = constant_shapes(recursion, FIRST_SHAPES[1])
+    square, inner = runs.regression_equations(np.tile(vector, (len(some), 1)), some)
+    kept: list[tuple[Term, ...]] = []
+    start = 0
+    for output, terms in enumerate(recursion.terms):
+        own = slice(start, start + len(terms))
+        candidates = _proposed(square[:, output, own, own], inner[:, output, own], method, most or len(terms))
+        kept.append(_best_candidate(runs, some, output, own, candidates, square, inner, vector))
+        start += len(terms)
+        if progress is not None:
+            progress(output + 1, len(recursion.terms))
+    return replace(recursion, terms=tuple(kept))
+
+
+def _proposed(square: np.ndarray, inner: np.ndarray, method: str, most: int) -> list[tuple[int, ...]]:
+    """Sets of terms that the experiments propose, the most frequent first."""
+    count: dict[tuple[int, ...], int] = {}
+    for gram, covariance in zip(square, inner, strict=True):
+        scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+        standard = gram / scale[:, None] / scale
+        if method == "lars":
+            order = least_angle_order(standard, covariance / scale, 1, min(most, len(scale)))
+        else:
+            order = orthogonal_order(standard, covariance / scale, min(most, len(scale)))
+        for size in range(1, len(order) + 1):
+            chosen = tuple(sorted(int(i) for i in order[:size]))
+            count[chosen] = count.get(chosen, 0) + 1
+    ranked = sorted(count, key=lambda c: (-count[c], len(c), c))
+    return ranked[:MOST_CANDIDATES]
+
+
+def _best_candidate(
+    runs: FreeRun,
+    data: TrainingSet,
+    output: int,
+    own: slice,
+    candidates: list[tuple[int, ...]],
+    square: np.ndarray,
+    inner: np.ndarray,
+    vector: np.ndarray,
+) -> tuple[Term, ...]:
+    """Refit every candidate set to every experiment, with all terms of the other outputs, and compare free runs."""
+    recursion = runs.recursion
+    full = per_experiment_solution(recursion, square, inner, vector)
+    best, lowest = recursion.terms[output], np.inf
+    for chosen in candidates:
+        coefficients = full.copy()
+        coefficients[:, own] = 0.0
+        columns = own.start + np.array(chosen)
+        gram = square[:, output][:, columns][:, :, columns]
+        coefficients[:, columns] = batched_solution(gram, inner[:, output][:, columns])
+        loss = robust_loss(runs.errors(coefficients, data)[:, [output]], 1e-2)
+        if loss < lowest:
+            best, lowest = tuple(recursion.terms[output][i] for i in chosen), loss
+    return best

@@ -1,0 +1,113 @@
+"""Experiments in scaled signals, as the training of a NARX uses them.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from structid.engine.lanes.signals import Signals
+from structid.surrogates.narx.structure.experiments import Experiments
+from structid.surrogates.narx.structure.recursion import Recursion
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingSet:
+    """Experiments in scaled signals.
+
+    Parameters
+    ----------
+    x : ndarray, shape (run, time, input)
+        Inputs.
+    y : ndarray, shape (run, time, output)
+        Outputs.
+    counted : ndarray of bool, shape (run, time)
+        True for the samples that count: none beyond the end of a shorter record.
+    weights : ndarray, shape (run,)
+        Weight of the error of each run.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    counted: np.ndarray
+    weights: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def __getitem__(self, rows: np.ndarray) -> TrainingSet:
+        return TrainingSet(self.x[rows], self.y[rows], self.counted[rows], self.weights[rows])
+
+    def alike(self) -> TrainingSet:
+        """Give all runs the same weight.
+
+        Returns
+        -------
+        TrainingSet
+            The same runs, each with weight one.
+        """
+        return replace(self, weights=np.ones(len(self)))
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """Σ (y − ȳ)² of every run and output, shape (run, output): errors are relative to it (thesis eq. 2.65)."""
+        count = self.counted.sum(axis=1)[:, None]
+        y = np.where(self.counted[:, :, None], self.y, 0.0)
+        square = np.sum(y**2, axis=1) - np.sum(y, axis=1) ** 2 / count
+        return np.asarray(np.maximum(square, 1e-300))
+
+    @cached_property
+    def signals(self) -> Signals:
+        """All signals of a run beside each other, (time + 1, input and output and 1), as `Recursion.free_loop` takes them.
+
+        The last column tells whether a sample counts. The last row, which does not, is for the step beyond the record.
+        """
+        samples = np.concatenate([self.x, self.y, self.counted[:, :, None]], axis=2)
+        beyond = samples[:, -1:].copy()
+        beyond[:, :, -1] = 0.0
+        return Signals(np.concatenate([samples, beyond], axis=1))
+
+
+def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
+    """Scale the signals of experiments.
+
+    Parameters
+    ----------
+    experiments : Experiments
+        Experiments in SI.
+    recursion : Recursion
+        The structure with the scales.
+
+    Returns
+    -------
+    TrainingSet
+        Scaled experiments, each with weight one.
+    """
+    x = experiments.x / np.array([recursion.scales[name] for name in recursion.inputs])
+    y = experiments.y / np.array([recursion.scales[name] for name in recursion.outputs])
+    return TrainingSet(x, y, experiments.counted, np.ones(len(x)))
+
+
+def spread_rows(weights: np.ndarray, most: int) -> np.ndarray:
+    """Choose rows that are spread over all rows, more densely where the weights are larger.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (row,)
+        Weight of each row.
+    most : int
+        Largest number of rows.
+
+    Returns
+    -------
+    ndarray of int
+        Rising positions; fewer than `most` where few rows have most of the weight.
+    """
+    if len(weights) <= most:
+        return np.arange(len(weights))
+    reached = np.cumsum(weights) / np.sum(weights)
+    return np.unique(np.searchsorted(reached, (np.arange(most) + 0.5) / most))

@@ -1,0 +1,50 @@
+"""Every kind of surrogate there is. A new kind is a file with its `SurrogateKind` and a line here."""
+
+from __future__ import annotations
+
+import os
+
+from structid.core.validation import check_arguments
+from structid.surrogates import storage
+from structid.surrogates.base import Surrogate
+from structid.surrogates.narx import corrected_narx, kriging_narx, narx, pc_narx
+from structid.surrogates.pod import pod_kriging, pod_pce
+from structid.surrogates.surrogate_kind import SurrogateKind
+
+KINDS: tuple[SurrogateKind, ...] = (
+    pod_kriging.KIND,
+    pod_pce.KIND,
+    pc_narx.KIND,
+    kriging_narx.KIND,
+    corrected_narx.KIND,
+    narx.KIND,
+)
+
+DEFAULT: SurrogateKind = pod_kriging.KIND
+"""What a calibration uses by default."""
+
+
+@check_arguments
+def load_surrogate(path: str | os.PathLike[str]) -> Surrogate:
+    """Read a surrogate that `Surrogate.save` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Surrogate
+        It predicts what it did when it was saved, to the last bit on the same machine.
+
+    Raises
+    ------
+    InputError
+        If the file is none, or of another version.
+    """
+    stored = storage.read(path)
+    readers = {kind.name: kind.fitted for kind in KINDS}
+    surrogate = readers[stored.fit.kind].from_plain(stored.fit, stored.plain, stored.arrays)
+    surrogate.validation = stored.validation
+    return surrogate

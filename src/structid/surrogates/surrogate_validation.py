@@ -1,0 +1,419 @@
+"""How good a surrogate is: errors over runs it was not fitted to.
+
+"The thesis" is the MSc thesis in docs/bibliography.md.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+import scipy
+
+from structid.campaign.runs import Runs
+from structid.core.channels import base_channel, standard_unit
+from structid.core.errors import InputError
+from structid.core.progress import Progress
+from structid.core.units import factor
+from structid.ground_motion.excitation import Excitation
+from structid.histories import Histories
+from structid.probability.designs import Design
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BATCH = 250
+"""Runs compared at once."""
+
+COVERED = 500
+"""Most runs over which the coverage of the standard deviation is counted: it may cost more than the prediction."""
+
+COVERAGE_FACTOR = 1.96
+"""Standard deviations within which 95 % of a normal variable lie."""
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Outcome of a comparison with independent runs.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        The channels.
+    errors : ndarray, shape (run, channel)
+        ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eqs. 2.69, 2.70); infinite where the surrogate diverged.
+    peaks : ndarray, shape (run, channel)
+        Largest |y| of the model, in SI.
+    predicted_peaks : ndarray, shape (run, channel)
+        Largest |ŷ| of the surrogate.
+    coverage : float
+        Share of samples within 1.96 predicted standard deviations.
+    outside : int
+        Runs whose parameters lie outside the range the surrogate was fitted to.
+    left_out : int
+        Runs of the model that had failed.
+    shown : tuple of int
+        The best, the median and the worst run, rows of the runs compared.
+    histories : tuple
+        Histories of the model and of the surrogate for those three (3, time, channel), and the time step [s].
+    clouds : tuple of ndarray
+        Samples of the model and of the surrogate, thinly drawn from all runs (sample, channel).
+    """
+
+    channels: tuple[str, ...]
+    errors: np.ndarray
+    peaks: np.ndarray
+    predicted_peaks: np.ndarray
+    coverage: float
+    outside: int
+    left_out: int
+    shown: tuple[int, int, int]
+    histories: tuple[np.ndarray, np.ndarray, float]
+    clouds: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def overall(self) -> np.ndarray:
+        """Mean of the channels' errors, infinite for a run that diverged, shape (run,)."""
+        return np.asarray(self.errors.mean(axis=1))
+
+    @property
+    def mean(self) -> float:
+        """Mean error; infinite if a run diverged."""
+        return float(self.overall.mean())
+
+    @property
+    def median(self) -> float:
+        """Median error."""
+        return float(np.median(self.overall))
+
+    @property
+    def q95(self) -> float:
+        """Error that 95 % of the runs stay below."""
+        return float(np.quantile(self.overall, 0.95, method="higher"))
+
+    @property
+    def worst(self) -> float:
+        """Largest error; infinite if a run diverged."""
+        return float(self.overall.max())
+
+    @property
+    def diverged(self) -> int:
+        """How many runs diverged."""
+        return int(np.count_nonzero(~np.isfinite(self.overall)))
+
+    @property
+    def peak_error(self) -> float:
+        """Mean relative error of the peak response, | max|ŷ| − max|y| | / max|y|, of the runs that did not diverge."""
+        relative = np.abs(self.predicted_peaks - self.peaks) / self.peaks
+        return float(relative[np.isfinite(self.overall)].mean())
+
+    @property
+    def per_channel(self) -> dict[str, dict[str, float]]:
+        """Mean, median, q95 and worst error of each channel."""
+        return {c: _measures(e) for c, e in zip(self.channels, self.errors.T, strict=True)}
+
+    def summary(self) -> dict[str, float]:
+        """Give every figure by name.
+
+        Returns
+        -------
+        dict of str to float
+            Runs, errors, diverged, peak error, coverage, outside, left out.
+        """
+        return {
+            "runs": len(self.errors),
+            "mean": self.mean,
+            "median": self.median,
+            "q95": self.q95,
+            "worst": self.worst,
+            "diverged": self.diverged,
+            "peak_error": self.peak_error,
+            "coverage": self.coverage,
+            "outside": self.outside,
+            "left_out": self.left_out,
+        }
+
+    def __str__(self) -> str:
+        lines = [
+            f"validated on {len(self.errors)} runs: mean error {self.mean:.2e}, median {self.median:.2e}, "
+            f"95 % {self.q95:.2e}, worst {self.worst:.2e}, {self.diverged} diverged",
+            f"peak response off by {self.peak_error:.2%} in the mean; "
+            f"{self.coverage:.1%} of the samples within 1.96 predicted standard deviations",
+        ]
+        if len(self.channels) > 1:
+            lines += [f"{c}: mean {e['mean']:.2e}, worst {e['worst']:.2e}" for c, e in self.per_channel.items()]
+        if self.outside or self.left_out:
+            lines.append(f"{self.outside} runs outside the fitted range, {self.left_out} others left out")
+        return "\n".join(lines)
+
+    def plot(self, channel: str | None = None, save: str | os.PathLike[str] | None = None) -> Figure:
+        """Draw best, median and worst run, peaks, whole histories, and the distribution of the errors.
+
+        Parameters
+        ----------
+        channel : str, optional
+            Which channel; the first, when left out.
+        save : path-like, optional
+            Where to save it, without ending: PNG and PDF are written.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from structid.figures import surrogate as figures
+
+        index = 0 if channel is None else self.channels.index(channel)
+        name = self.channels[index]
+        unit = standard_unit(name).display
+        scale = factor(unit)
+        true, predicted, dt = self.histories
+        return figures.validation(
+            np.arange(true.shape[1]) * dt,
+            true[:, :, index] / scale,
+            predicted[:, :, index] / scale,
+            self.errors[list(self.shown), index],
+            self.peaks[:, index] / scale,
+            self.predicted_peaks[:, index] / scale,
+            self.clouds[0][:, index] / scale,
+            self.clouds[1][:, index] / scale,
+            self.errors[:, index],
+            name,
+            unit,
+            _displacement(true[2, :, index], predicted[2, :, index], dt) if base_channel(name) == "velocity" else None,
+            save=save,
+        )
+
+
+def _displacement(true: np.ndarray, predicted: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Displacements [mm] by integration of two velocities, which shows what adds up (the thesis's figure 3.16)."""
+    both = (scipy.integrate.cumulative_trapezoid(v, dx=dt, initial=0.0) / factor("mm") for v in (true, predicted))
+    first, second = both
+    return first, second
+
+
+def _measures(errors: np.ndarray) -> dict[str, float]:
+    q95 = np.quantile(errors, 0.95, method="higher")
+    return {
+        "mean": float(errors.mean()),
+        "median": float(np.median(errors)),
+        "q95": float(q95),
+        "worst": float(errors.max()),
+    }
+
+
+def relative_errors(true: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+    """ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite where a prediction is not finite.
+
+    Parameters
+    ----------
+    true, predicted : ndarray, shape (run, time, channel)
+        Histories.
+
+    Returns
+    -------
+    ndarray, shape (run, channel)
+        Errors.
+    """
+    spread = np.sum((true - true.mean(axis=1, keepdims=True)) ** 2, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        error = np.sum((true - predicted) ** 2, axis=1) / spread
+    return np.where(np.isfinite(error), error, np.inf)
+
+
+class Validated(Protocol):
+    """What a validation asks of a surrogate."""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What it responds with."""
+
+    def parameters(self, design: Design) -> np.ndarray:
+        """Bring the columns of a design into the order of its parameters.
+
+        Parameters
+        ----------
+        design : Design
+            Points in SI.
+
+        Returns
+        -------
+        ndarray, shape (run, parameter)
+            The points.
+        """
+
+    def check_excitation(self, excitation: Excitation) -> None:
+        """Refuse an excitation it cannot respond to.
+
+        Parameters
+        ----------
+        excitation : Excitation
+            What is to drive it.
+        """
+
+    def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
+        """Respond, without a warning about points outside its range.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+
+        Returns
+        -------
+        Histories
+            One row a run.
+        """
+
+    def outside(self, theta: np.ndarray) -> np.ndarray:
+        """Say which points lie outside its range.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+
+        Returns
+        -------
+        ndarray of bool, shape (run,)
+            True outside.
+        """
+
+    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+        """Standard deviation of its own error.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (run, parameter)
+            Points in SI.
+        excitation : Excitation
+            What drives it.
+        values : ndarray, shape (run, time, channel)
+            The predictions there.
+
+        Returns
+        -------
+        ndarray, shape (run, time, channel)
+            In SI.
+        """
+
+
+def validate(surrogate: Validated, runs: Runs, progress: Progress | None = None) -> Validation:
+    """Compare a surrogate with runs of the model it stands for, a batch at a time.
+
+    Parameters
+    ----------
+    surrogate : Validated
+        The surrogate.
+    runs : Runs
+        Independent runs.
+    progress : callable, optional
+        Called with the number of compared runs and the total.
+
+    Returns
+    -------
+    Validation
+        The outcome.
+
+    Raises
+    ------
+    InputError
+        If the runs have other channels or parameters, or none is finished.
+    """
+    if not isinstance(runs, Runs):
+        raise InputError("validate", f"a {type(runs).__name__}", "Runs, as a Campaign returns them")
+    missing = [c for c in surrogate.channels if c not in runs.channels]
+    if missing:
+        raise InputError("validate", f"runs without the channel '{missing[0]}'", ", ".join(surrogate.channels))
+    done = runs[runs.done]
+    if len(done) == 0:
+        raise InputError("validate", "no finished run", "one or more")
+    order: list[np.ndarray] = []
+    found: list[_Compared] = []
+    compared = 0
+    every = max(1, len(done) // COVERED)
+    for number in np.unique(done.record_of_run):
+        rows = np.flatnonzero(done.record_of_run == number)
+        for start in range(0, len(rows), BATCH):
+            part = rows[start : start + BATCH]
+            found.append(_compare(surrogate, done[part].on(int(number)), every))
+            order.append(part)
+            compared += len(part)
+            if progress is not None:
+                progress(compared, len(done))
+    back = np.argsort(np.concatenate(order))
+    errors = np.concatenate([f.errors for f in found])[back]
+    shown = _shown(errors.mean(axis=1))
+    inside = np.concatenate([f.inside for f in found])
+    return Validation(
+        surrogate.channels,
+        errors,
+        np.concatenate([f.peaks for f in found])[back],
+        np.concatenate([f.predicted_peaks for f in found])[back],
+        float(inside.mean()) if len(inside) else float("nan"),
+        int(np.count_nonzero(surrogate.outside(surrogate.parameters(done.design)))),
+        len(runs) - len(done),
+        shown,
+        _histories(surrogate, done, shown),
+        tuple(np.concatenate([f.cloud[i] for f in found]) for i in (0, 1)),  # type: ignore[arg-type]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """One batch: errors, peaks, coverage (per run), and a thin cloud of true and predicted samples."""
+
+    errors: np.ndarray
+    peaks: np.ndarray
+    predicted_peaks: np.ndarray
+    inside: np.ndarray
+    cloud: tuple[np.ndarray, np.ndarray]
+
+
+def _compare(surrogate: Validated, runs: Runs, every: int) -> _Compared:
+    true = _values(surrogate, runs)
+    predicted = _predicted(surrogate, runs)
+    chosen = np.arange(0, len(runs), every)
+    theta = surrogate.parameters(runs.design)[chosen]
+    deviation = surrogate.standard_deviation(theta, runs.records[0], predicted[chosen])
+    within = np.abs(true[chosen] - predicted[chosen]) <= COVERAGE_FACTOR * deviation
+    thin = (chosen[:: max(1, len(chosen) // 10)], slice(None, None, max(1, true.shape[1] // 200)))
+    return _Compared(
+        relative_errors(true, predicted),
+        np.abs(true).max(axis=1),
+        np.abs(predicted).max(axis=1),
+        within.mean(axis=(1, 2)),
+        (true[thin].reshape(-1, true.shape[2]), predicted[thin].reshape(-1, true.shape[2])),
+    )
+
+
+def _values(surrogate: Validated, runs: Runs) -> np.ndarray:
+    columns = [runs.channels.index(c) for c in surrogate.channels]
+    return runs.values[:, : len(runs.records[0]), columns]
+
+
+def _predicted(surrogate: Validated, runs: Runs) -> np.ndarray:
+    surrogate.check_excitation(runs.records[0])
+    # Points outside the range are counted, and not warned of or refused here.
+    return surrogate.run(surrogate.parameters(runs.design), runs.records[0]).values
+
+
+def _shown(overall: np.ndarray) -> tuple[int, int, int]:
+    ranked = np.argsort(overall)
+    return int(ranked[0]), int(ranked[len(ranked) // 2]), int(ranked[-1])
+
+
+def _histories(surrogate: Validated, runs: Runs, shown: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
+    """True and predicted histories of the runs that are drawn, (run, time, channel), and their step."""
+    singles: list[Any] = [runs[np.array([row])].on(int(runs.record_of_run[row])) for row in shown]
+    samples = max(len(s.records[0]) for s in singles)
+    true, predicted = (np.full((len(shown), samples, len(surrogate.channels)), np.nan) for _ in range(2))
+    for i, single in enumerate(singles):
+        count = len(single.records[0])
+        true[i, :count] = _values(surrogate, single)[0]
+        predicted[i, :count] = _predicted(surrogate, single)[0]
+    return true, predicted, singles[0].records[0].dt
