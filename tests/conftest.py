@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 import plain_code
+import shape_checks
 import structid as si
 from oscillators import DEGRADING
 from pictures import Pictures
 
+shape_checks.watch()
 plain_code.of_long_loops()
 
 # A worker comes to hold two million objects, most of them JAX's. To look for garbage among all of them, as often as Python does by

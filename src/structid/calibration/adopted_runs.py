@@ -11,6 +11,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.calibration.requested_limits import FILE as ASKED_LIMITS
 from structid.campaign.parts import parts_of
@@ -23,7 +24,9 @@ FIRST_DESIGN = "first_design.npy"
 """Points that a calibration begins with, where these are not the planned ones."""
 
 
-def first_design(folder: Path | None, planned: np.ndarray) -> np.ndarray:
+def first_design(
+    folder: Path | None, planned: Float[np.ndarray, "point parameter"]
+) -> Float[np.ndarray, "point parameter"]:
     """Give the points that a calibration begins with.
 
     Parameters

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.campaign.runs import Runs
 from structid.certification.certificate import Certificate
@@ -72,8 +73,8 @@ class Round:
     spread: float
     failed: int
     certificate: Certificate | None
-    log_weights: np.ndarray = field(repr=False)
-    shares: np.ndarray = field(repr=False)
+    log_weights: Float[np.ndarray, " draw"] = field(repr=False)
+    shares: Float[np.ndarray, " draw"] = field(repr=False)
     again: bool = False
 
     @property
@@ -220,7 +221,7 @@ class CalibrationResult(ShownAsText):
         return self.sampling.sd
 
     @check_arguments
-    def quantile(self, p: float | np.ndarray) -> np.ndarray:
+    def quantile(self, p: float | np.ndarray) -> Float[np.ndarray, "... parameter"]:
         """Quantiles of the marginals.
 
         Parameters

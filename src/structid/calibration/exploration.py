@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.streams import Purpose, stream
 from structid.inference.likelihood.posterior import Posterior
@@ -66,7 +67,7 @@ class Exploration:
         known, asked = np.log(np.maximum(self.exponents, SMALLEST_EXPONENT)), np.log(max(exponent, SMALLEST_EXPONENT))
         return int(np.argmin(np.abs(known - asked)))
 
-    def particles(self, block: int = -1) -> np.ndarray:
+    def particles(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
         """Where the particles are at the end of a block, in unconstrained coordinates.
 
         Parameters
@@ -81,7 +82,7 @@ class Exploration:
         """
         return np.asarray(self.blocks[block]["phi"][-1].reshape(-1, self.posterior.dimension))
 
-    def draws(self, block: int = -1) -> np.ndarray:
+    def draws(self, block: int = -1) -> Float[np.ndarray, "particle parameter"]:
         """Where they are in SI.
 
         Parameters
@@ -96,7 +97,7 @@ class Exploration:
         """
         return self.posterior.bijection(self.particles(block))[0]
 
-    def distinct(self, block: int, count: int, rng: np.random.Generator) -> np.ndarray:
+    def distinct(self, block: int, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Choose some particles of a block by chance, none twice.
 
         Parameters
@@ -119,7 +120,7 @@ class Exploration:
         first = np.sort(np.unique(phi, axis=0, return_index=True)[1])
         return np.asarray(phi[first[:count]])
 
-    def log_density(self, phi: np.ndarray) -> np.ndarray:
+    def log_density(self, phi: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log density of the surrogate's posterior with respect to the parameters.
 
         Parameters
@@ -141,7 +142,7 @@ class Exploration:
         last = self.blocks[-1]["log_density"][-1].ravel()
         return float(np.max(last - self.posterior.bijection(self.particles())[1]))
 
-    def share_of_tempered(self, phi: np.ndarray, block: int) -> np.ndarray:
+    def share_of_tempered(self, phi: Float[np.ndarray, "run parameter"], block: int) -> Float[np.ndarray, " run"]:
         """Density of a tempered posterior over that of the posterior, both normalised.
 
         Parameters
@@ -207,7 +208,7 @@ class Exploration:
         some = phi[:: max(1, len(phi) // PARTICLES_ASKED)]
         return float(np.mean(self.variance_at(self.posterior.bijection(some)[0])))
 
-    def variance_at(self, theta: np.ndarray) -> np.ndarray:
+    def variance_at(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Variance of the log density at some points, over responses drawn from the surrogate's own error.
 
         Parameters
@@ -223,7 +224,9 @@ class Exploration:
         return variance_by_the_surrogate(self.posterior, self.surrogate, theta)
 
 
-def variance_by_the_surrogate(posterior: Posterior, surrogate: Surrogate, theta: np.ndarray) -> np.ndarray:
+def variance_by_the_surrogate(
+    posterior: Posterior, surrogate: Surrogate, theta: Float[np.ndarray, "run parameter"]
+) -> Float[np.ndarray, " run"]:
     """Variance of the log density at some points, over responses drawn from a surrogate's own error.
 
     Parameters

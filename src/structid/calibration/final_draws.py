@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.calibration.exploration import LARGEST_VARIANCE, variance_by_the_surrogate
 from structid.core.hashing import digest
@@ -59,7 +60,7 @@ class FinalDraws:
 
     sampling: SamplingResult = field(repr=False)
     representation: Representation
-    made_up: np.ndarray = field(repr=False)
+    made_up: Float[np.ndarray, "draw parameter"] = field(repr=False)
 
     @property
     def failures(self) -> tuple[str, ...]:
@@ -76,7 +77,7 @@ def final_draws(
     under: Posterior,
     surrogate: Surrogate,
     sure: bool,
-    known: np.ndarray,
+    known: Float[np.ndarray, "run model_parameter"],
     sampler: Sampler | None,
     seed: int,
     folder: Path | None,

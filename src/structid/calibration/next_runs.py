@@ -6,6 +6,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.calibration.exploration import Exploration
 from structid.inference.likelihood.posterior import Posterior
@@ -58,14 +59,14 @@ class Batch:
         Largest log density of the surrogate's posterior among them.
     """
 
-    fresh: np.ndarray
-    log_surrogate: np.ndarray
-    shares: np.ndarray
-    others: np.ndarray
-    population: np.ndarray
+    fresh: Float[np.ndarray, "draw parameter"]
+    log_surrogate: Float[np.ndarray, " draw"]
+    shares: Float[np.ndarray, " draw"]
+    others: Float[np.ndarray, "point model_parameter"]
+    population: Float[np.ndarray, "particle parameter"]
     highest: float
 
-    def points(self, dimension: int) -> np.ndarray:
+    def points(self, dimension: int) -> Float[np.ndarray, "point model_parameter"]:
         """All points of the model's parameters, the fresh draws first.
 
         Parameters
@@ -107,7 +108,7 @@ class Batch:
         own: dict[str, Any] = {field.name: entry[field.name] for field in fields(cls)}
         return cls(**own | {"highest": float(entry["highest"])})
 
-    def of_the_errors(self, dimension: int, count: int) -> np.ndarray:
+    def of_the_errors(self, dimension: int, count: int) -> Float[np.ndarray, "draw discrepancy_parameter"]:
         """Some draws of the discrepancy's parameters.
 
         Parameters
@@ -159,7 +160,11 @@ def certificate_draws(explored: Exploration, drawn: SamplingResult, count: int, 
 
 
 def next_batch(
-    explored: Exploration, known: np.ndarray, count: int, rng: np.random.Generator, made_up: np.ndarray | None = None
+    explored: Exploration,
+    known: Float[np.ndarray, "run model_parameter"],
+    count: int,
+    rng: np.random.Generator,
+    made_up: Float[np.ndarray, "draw parameter"] | None = None,
 ) -> Batch:
     """Choose a batch that improves the surrogate where its posterior is, as far as the surrogate knows where that is.
 
@@ -241,7 +246,11 @@ def _batch(explored: Exploration, phi: np.ndarray, shares: np.ndarray, others: n
     return Batch(theta, density, shares, others, explored.draws(), explored.highest)
 
 
-def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.ndarray) -> np.ndarray:
+def beyond_the_runs(
+    candidates: Float[np.ndarray, "candidate parameter"],
+    particles: Float[np.ndarray, "draw parameter"],
+    known: Float[np.ndarray, "run parameter"],
+) -> Int[np.ndarray, " point"]:
     """Choose the candidate furthest out in each direction in which a posterior reaches beyond all runs.
 
     Further out than it reaches a surrogate is as sure of itself as there, so its standard deviation gives no warning.
@@ -266,7 +275,7 @@ def beyond_the_runs(candidates: np.ndarray, particles: np.ndarray, known: np.nda
     return np.unique(rows).astype(int)
 
 
-def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -> np.ndarray:
+def widened_draws(explored: Exploration, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
     """Draw from a law like the posterior but √3 times as wide: φ + φ′ − φ″ of three draws.
 
     Parameters
@@ -294,7 +303,12 @@ def _scores(posterior: Posterior, theta: np.ndarray) -> np.ndarray:
     return space.cdf(theta[:, : space.dimension])
 
 
-def far_apart(candidates: np.ndarray, known: np.ndarray, count: int, weights: np.ndarray | None = None) -> np.ndarray:
+def far_apart(
+    candidates: Float[np.ndarray, "candidate parameter"],
+    known: Float[np.ndarray, "point parameter"],
+    count: int,
+    weights: Float[np.ndarray, " candidate"] | None = None,
+) -> Int[np.ndarray, " count"]:
     """Choose points one by one, each time the one with the largest weighted distance to all known and chosen points.
 
     Parameters

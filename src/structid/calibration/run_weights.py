@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.inference.convergence import weighted_size
 
@@ -14,7 +15,7 @@ LEAST = 1e-2
 """Weight of a run far from the posterior: enough that a surrogate does not go astray there and create a false mode."""
 
 
-def nearness(log_density: np.ndarray) -> np.ndarray:
+def nearness(log_density: Float[np.ndarray, " run"]) -> Float[np.ndarray, " run"]:
     """Weigh runs by a tempered posterior, w = max(π^τ, `LEAST`), with the exponent τ for which half of the runs count.
 
     A NARX of few terms cannot be exact over the whole prior. One that errs only where there is no probability is better than one

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, cast
 
 import numpy as np
+from jaxtyping import Int
 
 from structid.calibration.next_runs import Batch
 from structid.calibration.run_weights import nearness
@@ -46,7 +47,10 @@ class SurrogateFits:
     told: Progress
 
     def fit(
-        self, points: np.ndarray, start: Surrogate | None, forms: Sequence[SurrogateSettings] | None = None
+        self,
+        points: Int[np.ndarray, " point"],
+        start: Surrogate | None,
+        forms: Sequence[SurrogateSettings] | None = None,
     ) -> tuple[Surrogate, SurrogateSettings]:
         """Fit the best of some forms to the runs of some points.
 

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.ground_motion.excitation import Excitation
 from structid.inference.convergence import weighted_size
@@ -19,7 +20,9 @@ EFFECTIVE_SHARE = 0.3
 class KnowsItsErrors(Protocol):
     """A fitted surrogate that can do without one of its runs."""
 
-    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+    def left_out(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
+    ) -> Float[np.ndarray, "run time channel"]:
         """Predict each run that it was fitted to from all others.
 
         Parameters
@@ -39,8 +42,8 @@ class KnowsItsErrors(Protocol):
 def best_near_the_posterior(
     found: Sequence[KnowsItsErrors],
     posterior: Posterior,
-    theta: np.ndarray,
-    log_true: np.ndarray,
+    theta: Float[np.ndarray, "run parameter"],
+    log_true: Float[np.ndarray, " run"],
     ran: Sequence[np.ndarray],
 ) -> int:
     """Choose among surrogates that were fitted to the same runs.
@@ -70,8 +73,8 @@ def best_near_the_posterior(
 def error_near_the_posterior(
     surrogate: KnowsItsErrors,
     posterior: Posterior,
-    theta: np.ndarray,
-    log_true: np.ndarray,
+    theta: Float[np.ndarray, "run parameter"],
+    log_true: Float[np.ndarray, " run"],
     ran: Sequence[np.ndarray],
 ) -> float:
     """Error of the tempered log density at runs that are left out, weighted by the tempered posterior.

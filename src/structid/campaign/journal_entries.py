@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.campaign.run_file import Header, Row, record_from_plain
 from structid.campaign.runs import InMemory
@@ -39,7 +40,10 @@ class Finished:
 
 
 def design_entry(
-    header: Header, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray
+    header: Header,
+    keys: Sequence[str],
+    theta: Float[np.ndarray, "run parameter"],
+    record_of_run: Int[np.ndarray, " run"],
 ) -> dict[str, np.ndarray]:
     """Make the journal entry of a design. It holds everything that a reader of the journals alone needs.
 

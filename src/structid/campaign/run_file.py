@@ -13,6 +13,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.campaign.runs import Runs
 from structid.campaign.stored_histories import FileSource, damaged_rows
@@ -134,8 +135,8 @@ def sound_rows(path: Path) -> dict[str, Row]:
 def write(
     path: Path,
     header: Header,
-    theta: np.ndarray,
-    record_of_run: np.ndarray,
+    theta: Float[np.ndarray, "run parameter"],
+    record_of_run: Int[np.ndarray, " run"],
     rows: Sequence[Row],
 ) -> None:
     """Write a file of runs, completely or not at all.
@@ -356,7 +357,7 @@ def _refuse_later_layout(path: Path, layout: int) -> None:
         raise InputError(f"{path}", f"runs in layout {layout}", f"layout {SCHEMA} or before", "Update structid.")
 
 
-def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
+def record_from_plain(plain: dict[str, Any], values: Float[np.ndarray, "time *motion"]) -> Excitation:
     """Rebuild an excitation from its description by `Excitation.to_plain` and its samples.
 
     Parameters
@@ -379,7 +380,12 @@ def record_from_plain(plain: dict[str, Any], values: np.ndarray) -> Excitation:
 
 
 def as_runs(
-    header: Header, theta: np.ndarray, record_of_run: np.ndarray, rows: Sequence[Row], values: Any, path: Path | None
+    header: Header,
+    theta: Float[np.ndarray, "run parameter"],
+    record_of_run: Int[np.ndarray, " run"],
+    rows: Sequence[Row],
+    values: Any,
+    path: Path | None,
 ) -> Runs:
     """Make `Runs` of rows.
 

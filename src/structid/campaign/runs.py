@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.core.channels import standard_unit
 from structid.core.errors import InputError, Status, check_choice
@@ -34,7 +35,7 @@ class Values(Protocol):
         """(run, time, channel)."""
         ...
 
-    def read(self, rows: np.ndarray) -> np.ndarray:
+    def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
         """Read the histories of some runs into memory.
 
         Parameters
@@ -60,7 +61,7 @@ class InMemory:
         Histories in SI.
     """
 
-    array: np.ndarray
+    array: Float[np.ndarray, "run time channel"]
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -68,7 +69,7 @@ class InMemory:
         runs, samples, channels = self.array.shape
         return runs, samples, channels
 
-    def read(self, rows: np.ndarray) -> np.ndarray:
+    def read(self, rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n time channel"]:
         """Return the histories of some runs; see `Values.read`.
 
         Parameters
@@ -402,7 +403,7 @@ class _Some:
         return self.whole.read(self.rows[rows])
 
 
-def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> np.ndarray:
+def record_numbers(records: Sequence[Excitation], assignment: Any, runs: int) -> Int[np.ndarray, " run"]:
     """Number of the record that drives each run.
 
     Parameters

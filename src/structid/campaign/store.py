@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.campaign import run_file
 from structid.campaign.journal_entries import (
@@ -118,7 +119,9 @@ class RunStore:
             if part.name != "lock":
                 part.unlink()
 
-    def describe(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> None:
+    def describe(
+        self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
+    ) -> None:
         """Write the design to disk, so that every reader of the store knows which runs are pending.
 
         Parameters
@@ -171,7 +174,9 @@ class RunStore:
         with disk_errors_explained(self.path):
             self._journal.remove()
 
-    def finish(self, keys: Sequence[str], theta: np.ndarray, record_of_run: np.ndarray) -> Runs:
+    def finish(
+        self, keys: Sequence[str], theta: Float[np.ndarray, "run parameter"], record_of_run: Int[np.ndarray, " run"]
+    ) -> Runs:
         """Merge everything into one file, in the order of the design, and remove the parts.
 
         Parameters

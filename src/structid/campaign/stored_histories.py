@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError, Status
 from structid.core.journal import opened_hdf5
@@ -26,7 +27,7 @@ class FileSource:
 
     path: Path
 
-    def read(self, positions: np.ndarray) -> np.ndarray:
+    def read(self, positions: np.ndarray) -> Float[np.ndarray, "row time channel"]:
         """Read some rows.
 
         Parameters

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.limits import Limits
 
@@ -35,13 +36,18 @@ class Correction:
     """
 
     distance: float
-    mean: np.ndarray
-    mean_error: np.ndarray
-    sd: np.ndarray
-    correlation: np.ndarray
+    mean: Float[np.ndarray, " parameter"]
+    mean_error: Float[np.ndarray, " parameter"]
+    sd: Float[np.ndarray, " parameter"]
+    correlation: Float[np.ndarray, "parameter parameter"]
 
     @classmethod
-    def between(cls, theta: np.ndarray, of_law: np.ndarray, of_learnt: np.ndarray) -> Correction:
+    def between(
+        cls,
+        theta: Float[np.ndarray, "point parameter"],
+        of_law: Float[np.ndarray, " point"],
+        of_learnt: Float[np.ndarray, " point"],
+    ) -> Correction:
         """Compare two laws by points at which both are known.
 
         Parameters
@@ -110,7 +116,7 @@ class Correction:
             f"the mean of {name} lies {self.mean[place]:+.2f} ± {self.mean_error[place]:.2f} standard deviations away"
         )
 
-    def mean_bound(self, bound: np.ndarray) -> np.ndarray:
+    def mean_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
         """How far the means of q may be from the true ones.
 
         Parameters
@@ -125,7 +131,7 @@ class Correction:
         """
         return np.asarray(np.abs(self.mean) + ERRORS * self.mean_error + bound * self.sd)
 
-    def sd_bound(self, bound: np.ndarray) -> np.ndarray:
+    def sd_bound(self, bound: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
         """How far the true standard deviations may be from those of q, as a share of these.
 
         Parameters
@@ -140,7 +146,9 @@ class Correction:
         """
         return np.asarray((1.0 + np.abs(self.sd - 1.0)) * (1.0 + bound) - 1.0)
 
-    def correlation_bound(self, bound: np.ndarray) -> np.ndarray:
+    def correlation_bound(
+        self, bound: Float[np.ndarray, "parameter parameter"]
+    ) -> Float[np.ndarray, "parameter parameter"]:
         """How far the true correlations may be from those of q.
 
         Parameters

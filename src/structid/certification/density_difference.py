@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.correction import Correction
 from structid.certification.fresh_draws import Beside
@@ -11,7 +12,9 @@ FOLDS = 10
 """Groups of draws that are left out together."""
 
 
-def density_difference(gap: np.ndarray, draws: np.ndarray) -> tuple[float, Beside]:
+def density_difference(
+    gap: Float[np.ndarray, " draw"], draws: Float[np.ndarray, "draw parameter"]
+) -> tuple[float, Beside]:
     """Compare a density p with q, by draws of q.
 
     Parameters

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from structid.certification.limits import Limits
 
@@ -23,8 +24,8 @@ class Beside(NamedTuple):
     """
 
     variation: float = 0.0
-    mean: np.ndarray = np.zeros(1)
-    sd: np.ndarray = np.zeros(1)
+    mean: Float[np.ndarray, " parameter"] = np.zeros(1)
+    sd: Float[np.ndarray, " parameter"] = np.zeros(1)
 
     @classmethod
     def average(cls, some: Sequence[Beside]) -> Beside:
@@ -102,14 +103,14 @@ class FreshDraws:
         Share of π that may lie where q is zero, so that no draw of it, and no weight, can say what is there.
     """
 
-    theta: np.ndarray
-    compared: np.ndarray
-    log_true: np.ndarray
-    log_drawn: np.ndarray
-    shares: np.ndarray
-    population: np.ndarray
+    theta: Float[np.ndarray, "draw parameter"]
+    compared: Float[np.ndarray, "draw parameter"]
+    log_true: Float[np.ndarray, " draw"]
+    log_drawn: Float[np.ndarray, " draw"]
+    shares: Float[np.ndarray, " draw"]
+    population: Float[np.ndarray, "point parameter"]
     highest: float
-    impossible: np.ndarray | None = None
+    impossible: Bool[np.ndarray, " draw"] | None = None
     beside: Beside = THEMSELVES
     missing: float = 0.0
 
@@ -156,8 +157,8 @@ class StoredRuns:
         Log densities of π and of q there, at the same discrepancy.
     """
 
-    log_true: np.ndarray = field(default_factory=lambda: np.empty(0))
-    log_drawn: np.ndarray = field(default_factory=lambda: np.empty(0))
+    log_true: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
+    log_drawn: Float[np.ndarray, " run"] = field(default_factory=lambda: np.empty(0))
 
     @property
     def _ran(self) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from structid.campaign.runner import Campaign
 from structid.campaign.runs import Runs
@@ -41,7 +42,12 @@ class TrueRuns:
     """
 
     def __init__(
-        self, posterior: Posterior, points: np.ndarray, folder: Path | None, executor: Any, tell: Tell | None
+        self,
+        posterior: Posterior,
+        points: Float[np.ndarray, "point parameter"],
+        folder: Path | None,
+        executor: Any,
+        tell: Tell | None,
     ) -> None:
         self.model, self.space, self.observations = posterior.model, posterior.model_space, posterior.observations
         self.records = tuple({o.record.content_hash: o.record for o in self.observations}.values())
@@ -60,7 +66,7 @@ class TrueRuns:
         assert self._done is not None  # `make` comes first
         return self._done
 
-    def make(self, points: np.ndarray | None = None) -> None:
+    def make(self, points: Float[np.ndarray, "point parameter"] | None = None) -> None:
         """Run the model at every point where it has not been run.
 
         Parameters
@@ -193,7 +199,7 @@ class TrueRuns:
         other.make()
         return other.responses()
 
-    def of_points(self, points: np.ndarray) -> Runs:
+    def of_points(self, points: Int[np.ndarray, " point"]) -> Runs:
         """Runs of some points, to every record.
 
         Parameters
@@ -214,7 +220,7 @@ class TrueRuns:
         """Points whose runs have finished on every record, shape (point,)."""
         return np.asarray(self.runs.done.reshape(len(self.points), len(self.records)).all(axis=1))
 
-    def collapsed(self, points: slice) -> np.ndarray:
+    def collapsed(self, points: slice) -> Bool[np.ndarray, " point"]:
         """Points at which the structure failed on some record: the model finds them impossible, and has not failed itself.
 
         Parameters

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.certification.fresh_draws import FreshDraws
 from structid.certification.weight_variation import WeightVariation
 
 
-def standardised(fresh: FreshDraws) -> np.ndarray:
+def standardised(fresh: FreshDraws) -> Float[np.ndarray, "draw parameter"]:
     """Give the draws in standard deviations of q from its mean.
 
     Parameters
@@ -27,7 +28,7 @@ def standardised(fresh: FreshDraws) -> np.ndarray:
     return _in_sds(fresh.compared, fresh.population)
 
 
-def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def shift(fresh: FreshDraws, values: Float[np.ndarray, "draw function"]) -> tuple[np.ndarray, np.ndarray]:
     """E_q (w − 1) f of functions of the parameters.
 
     Parameters
@@ -49,7 +50,7 @@ def shift(fresh: FreshDraws, values: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return moved, np.sqrt(np.sum(contributions**2, axis=0))
 
 
-def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, " parameter"]:
     """How far each standard deviation may be off, as a share of it.
 
     Two bounds of the shift of the variance hold, and the smaller one is taken: that by χ, which reckons with the worst weights
@@ -76,7 +77,7 @@ def sd_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
     return _of_sd(np.fmin(by_draws, by_variation))
 
 
-def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> np.ndarray:
+def correlation_bound(fresh: FreshDraws, variation: WeightVariation) -> Float[np.ndarray, "parameter parameter"]:
     """How far the correlation of each two parameters may be off.
 
     A correlation ρ moves by E_q (w − 1) f to first order, with f = z₁ z₂ − ½ ρ (z₁² + z₂²) of the standardised parameters. This is

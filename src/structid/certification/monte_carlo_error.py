@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.certification.limits import Limits
 from structid.inference.convergence import standard_error
@@ -29,14 +30,14 @@ class MonteCarloError:
         With which all of them hold.
     """
 
-    mean: np.ndarray
-    sd: np.ndarray
-    correlation: np.ndarray
+    mean: Float[np.ndarray, " parameter"]
+    sd: Float[np.ndarray, " parameter"]
+    correlation: Float[np.ndarray, "parameter parameter"]
     size: float
     confidence: float
 
     @classmethod
-    def of(cls, draws: np.ndarray, confidence: float) -> MonteCarloError:
+    def of(cls, draws: Float[np.ndarray, "chain draw parameter"], confidence: float) -> MonteCarloError:
         """Reckon it from the draws and the order in which they were drawn.
 
         By the central limit theorem for chains, the mean of a function f over draws is off by its standard error times a normal

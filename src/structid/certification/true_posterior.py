@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.model_runs import Tell, TrueRuns, noise_doubts
 from structid.inference.likelihood.posterior import Posterior
@@ -34,7 +35,7 @@ class Truth:
         self.log_density = np.empty(0)
         self.count = 0
 
-    def at(self, theta: np.ndarray) -> np.ndarray:
+    def at(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Run the model.
 
         Parameters

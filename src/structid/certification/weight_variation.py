@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.inference.convergence import weighted_size
 
@@ -85,7 +86,9 @@ class WeightVariation:
         return np.asarray(self.bound * np.sqrt(np.maximum(kurtosis, 1.0) - 1.0) + self.bound**2)
 
 
-def weight_variation(log_ratios: np.ndarray, shares: np.ndarray, confidence: float) -> WeightVariation:
+def weight_variation(
+    log_ratios: Float[np.ndarray, " draw"], shares: Float[np.ndarray, " draw"], confidence: float
+) -> WeightVariation:
     """Estimate χ from draws, and bound it.
 
     Parameters

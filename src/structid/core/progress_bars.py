@@ -3,57 +3,62 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from structid.core.validation import check_arguments
+
+if TYPE_CHECKING:
+    from rich.progress import TaskID
 
 
 @check_arguments
 class ProgressBars:
-    """Bars for what takes long, in a notebook or a terminal; to be given as ``progress``, and used as a context.
+    """Progress bars in a notebook or a terminal, to be passed as ``progress`` and used as a context.
 
-    Every step that reports itself has a bar of its own, with its rate and the time left::
+    Every step that reports its progress has its own bar, with the time left::
 
         with si.ProgressBars() as bars:
             result = si.calibrate(model, space, measured, progress=bars)
     """
 
     def __init__(self) -> None:
-        self._bars: dict[str, Any] = {}
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeElapsedColumn,
+            TimeRemainingColumn,
+        )
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f}%"))
+        times = (MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
+        self._display = Progress(*columns, *times, TextColumn("{task.fields[failed]}"), console=Console(stderr=True))
+        self._steps: dict[str, TaskID] = {}
 
     def __enter__(self) -> ProgressBars:
+        self._display.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        for bar in self._bars.values():
-            bar.close()
-        self._bars.clear()
+        self._display.stop()
 
-    def __call__(self, *told: Any) -> None:
-        """Take what a step reports.
+    def __call__(self, *report: Any) -> None:
+        """Show what a step reports.
 
         Parameters
         ----------
-        *told : str, int
-            Its name, where there are several; the amount done and the total; and how many have failed, of the runs of a campaign.
+        *report : str, int
+            Name of the step, if there are several; the amount done and the total; and the number of failed runs of a campaign.
         """
-        name, numbers = (told[0], told[1:]) if isinstance(told[0], str) else ("", told)
+        name, numbers = (report[0], report[1:]) if isinstance(report[0], str) else ("", report)
         done, total, *failed = numbers
-        bar = self._bar(name, total)
-        if done < bar.n:  # the step begins anew, in the next round
-            bar.reset(total=total)
-        bar.total = total
-        bar.update(done - bar.n)
-        if failed and failed[0]:
-            bar.set_postfix_str(f"{failed[0]} failed", refresh=False)
-        if done >= total:
-            bar.refresh()
-
-    def _bar(self, name: str, total: int) -> Any:
-        if name not in self._bars:
-            from tqdm.std import tqdm  # text, which notebooks show with and without widgets
-
-            self._bars[name] = tqdm(total=total, desc=name or None, dynamic_ncols=True)
-        return self._bars[name]
+        if name not in self._steps:
+            self._steps[name] = self._display.add_task(name, total=total, failed="")
+        step, words = self._steps[name], f"{failed[0]} failed" if failed and failed[0] else ""
+        if done < self._display.tasks[step].completed:  # the step begins again, in the next round
+            self._display.reset(step, total=total)
+        self._display.update(step, completed=done, total=total, failed=words)

@@ -6,13 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 LARGEST_BATCH = 2000
 """Runs compiled and kept in memory at once."""
 
 
 def in_batches(
-    function: Callable[..., Any], rows: np.ndarray, data: Any, size: int = LARGEST_BATCH
+    function: Callable[..., Any], rows: Float[np.ndarray, "run ..."], data: Any, size: int = LARGEST_BATCH
 ) -> tuple[np.ndarray, ...]:
     """Call a compiled function of many runs on batches of them, and put the results together.
 

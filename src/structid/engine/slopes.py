@@ -6,11 +6,13 @@ from collections.abc import Callable
 from typing import Any
 
 import jax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 
 
-def with_slopes(function: Callable[[Any], Any], parameters: Any) -> tuple[Any, Any]:
+def with_slopes(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> tuple[Any, Any]:
     """Call a function of the parameters of many runs, and differentiate it along each of them; the value is computed once.
 
     Forward, since parameters are few and histories long.

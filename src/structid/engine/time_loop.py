@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Bool, Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.engine.slopes import with_slopes
 
@@ -160,7 +162,7 @@ class TimeLoop(NamedTuple):
         return state, rest
 
 
-def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> TimeLoop:
+def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Float[Array, "parameter run"]) -> TimeLoop:
     """Differentiate a loop over time by its parameters, beside running it.
 
     With the step s ← f(s, p) of a state s, its sensitivities S = ∂s/∂p follow S ← ∂f/∂s S + ∂f/∂p.
@@ -207,7 +209,7 @@ def with_sensitivities(loop_of: Callable[[Any], TimeLoop], parameters: Any) -> T
     return TimeLoop(start, step, loop.rows, loop.lead_in, lambda state: loop.usable(state[0]), loop.unroll)
 
 
-def once_along_each(function: Callable[[Any], Any], parameters: Any) -> Any:
+def once_along_each(function: Callable[[Any], Any], parameters: Float[Array, "run parameter"]) -> Any:
     """Call a function of the parameters of many runs, and let its derivative be taken along each of them once.
 
     A density may be differentiated along many more directions, such as those of the noise; the loop in the function does not
@@ -243,7 +245,7 @@ def _contracted(directions: Any, slopes: Any) -> Any:
     return (weights * slopes).sum(axis=0)
 
 
-def all_finite(state: State) -> Any:
+def all_finite(state: State) -> Bool[Array, " run"]:
     """Which runs have a finite state.
 
     Parameters

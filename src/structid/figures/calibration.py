@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int
 
 from structid.figures.style import ACCENT, MODEL, MUTED, WIDTH, canvas, finish, pretty, styled
 
@@ -73,11 +74,11 @@ def rounds(
 @styled
 def ranks(
     names: Sequence[str],
-    counts: np.ndarray,
+    counts: Int[np.ndarray, "parameter bin"],
     replicas: int,
-    half: np.ndarray,
-    most: np.ndarray,
-    places: np.ndarray,
+    half: Float[np.ndarray, " parameter"],
+    most: Float[np.ndarray, " parameter"],
+    places: Float[np.ndarray, "replica parameter"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Draw histograms of the rank of the truth among posterior draws, and how far their distribution is from the uniform one.
@@ -135,8 +136,8 @@ def ranks(
 
 
 def ratios_over_parameters(
-    draws: np.ndarray,
-    log_ratios: np.ndarray,
+    draws: Float[np.ndarray, "draw parameter"],
+    log_ratios: Float[np.ndarray, " draw"],
     names: Sequence[str],
     spread: float,
     save: str | os.PathLike[str] | None = None,

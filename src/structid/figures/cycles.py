@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from jaxtyping import Float
 
 MOST = 4
 """Cycles that stand for a history."""
@@ -12,7 +13,7 @@ LARGE = 0.3
 """Share of the largest amplitude from which a cycle is one of those chosen from."""
 
 
-def cycles(displacement: np.ndarray) -> list[slice]:
+def cycles(displacement: Float[np.ndarray, " time"]) -> list[slice]:
     """Cut a history into cycles, each from one crossing of zero upwards to the next.
 
     Parameters
@@ -29,7 +30,7 @@ def cycles(displacement: np.ndarray) -> list[slice]:
     return [slice(int(first), int(last) + 1) for first, last in itertools.pairwise(crossings)]
 
 
-def chosen_cycles(displacement: np.ndarray, most: int = MOST) -> list[slice]:
+def chosen_cycles(displacement: Float[np.ndarray, " time"], most: int = MOST) -> list[slice]:
     """Choose the largest cycle of each of some parts of a history, from early to late.
 
     Parameters

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.units import label
 from structid.figures.style import ACCENT, MODEL, canvas, finish, pretty, pretty_unit, styled
@@ -19,9 +20,9 @@ if TYPE_CHECKING:
 def samples(
     names: Sequence[str],
     units: Sequence[str],
-    points: np.ndarray,
-    places: np.ndarray,
-    densities: np.ndarray,
+    points: Float[np.ndarray, "point parameter"],
+    places: Float[np.ndarray, "place parameter"],
+    densities: Float[np.ndarray, "place parameter"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:

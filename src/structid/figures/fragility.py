@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, styled
 
@@ -15,10 +16,10 @@ if TYPE_CHECKING:
 
 @styled
 def curve(
-    levels: np.ndarray,
-    of_each: np.ndarray,
-    probability: np.ndarray,
-    error: np.ndarray,
+    levels: Float[np.ndarray, " level"],
+    of_each: Float[np.ndarray, "record level"],
+    probability: Float[np.ndarray, " level"],
+    error: Float[np.ndarray, " level"],
     band: tuple[np.ndarray, np.ndarray],
     fitted: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray],
     words: str,

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.figures.style import (
     ACCENT,
@@ -123,9 +124,9 @@ def histories_of_tests(
 @styled
 def tracking(
     plane: Curve,
-    time: np.ndarray,
-    indicator: np.ndarray,
-    energy: np.ndarray,
+    time: Float[np.ndarray, " move"],
+    indicator: Float[np.ndarray, " move"],
+    energy: Float[np.ndarray, " move"],
     unit: str,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
@@ -214,10 +215,10 @@ def _tracking_panels(
 
 @styled
 def predicted_test(
-    time: np.ndarray,
+    time: Float[np.ndarray, " time"],
     band: tuple[np.ndarray, np.ndarray],
     happened: Curve,
-    peaks: np.ndarray,
+    peaks: Float[np.ndarray, " draw"],
     peak: float,
     unit: str,
     title: str = "",

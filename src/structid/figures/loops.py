@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.figures.cycles import chosen_cycles
 from structid.figures.style import CYCLE, MEASURED, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
@@ -22,7 +23,7 @@ Loop = tuple[np.ndarray, np.ndarray]
 
 @styled
 def loops(
-    time: np.ndarray,
+    time: Float[np.ndarray, " time"],
     measured: Loop | None,
     model: Loop,
     title: str = "",
@@ -98,8 +99,8 @@ def _from_early_to_late(count: int) -> list[str]:
 
 @styled
 def identified(
-    time: np.ndarray,
-    measured: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    measured: Float[np.ndarray, " time"],
     predictions: dict[str, np.ndarray],
     true_loop: Loop | None,
     loops_of: dict[str, Loop],
@@ -158,8 +159,8 @@ def identified(
 
 @styled
 def loop_and_lines(
-    displacement: np.ndarray,
-    force: np.ndarray,
+    displacement: Float[np.ndarray, " time"],
+    force: Float[np.ndarray, " time"],
     lines: Sequence[tuple[np.ndarray, np.ndarray, str]],
     title: str = "",
     save: str | os.PathLike[str] | None = None,

@@ -8,6 +8,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from structid.figures.style import ACCENT, CYCLE, MODEL, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
 
@@ -21,10 +22,10 @@ _LATE_TO_EARLY = "viridis_r"
 
 @styled
 def times(
-    points: np.ndarray,
+    points: Float[np.ndarray, "run parameter"],
     names: Sequence[str],
     units: Sequence[str],
-    time: np.ndarray,
+    time: Float[np.ndarray, " run"],
     end: float,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
@@ -73,10 +74,10 @@ def times(
 
 @styled
 def pairs(
-    points: np.ndarray,
+    points: Float[np.ndarray, "run parameter"],
     names: Sequence[str],
     units: Sequence[str],
-    time: np.ndarray,
+    time: Float[np.ndarray, " run"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
@@ -120,11 +121,11 @@ def pairs(
 
 @styled
 def probability_map(
-    points: np.ndarray,
+    points: Float[np.ndarray, "run 2"],
     names: Sequence[str],
     units: Sequence[str],
-    passed: np.ndarray,
-    predicted: np.ndarray,
+    passed: Bool[np.ndarray, " run"],
+    predicted: Float[np.ndarray, " run"],
     probability: Callable[[np.ndarray, np.ndarray], np.ndarray],
     levels: Sequence[float] = (0.05, 0.5, 0.95),
     title: str = "",
@@ -186,7 +187,7 @@ def probability_map(
 
 @styled
 def distributions(
-    time: np.ndarray,
+    time: Float[np.ndarray, " time"],
     curves: Sequence[tuple[str, np.ndarray, np.ndarray]],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.units import label
 from structid.figures.style import (
@@ -64,10 +65,10 @@ def _scales(units: Sequence[str], draws: np.ndarray) -> tuple[np.ndarray, list[s
 def marginals(
     names: Sequence[str],
     units: Sequence[str],
-    prior: np.ndarray,
-    posterior: np.ndarray,
+    prior: Float[np.ndarray, "draw parameter"],
+    posterior: Float[np.ndarray, "posterior_draw parameter"],
     supports: Sequence[tuple[float, float]],
-    best: np.ndarray,
+    best: Float[np.ndarray, " parameter"],
     truth: dict[str, float] | None = None,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
@@ -167,8 +168,8 @@ def _posterior_range(axis: Axes, one: _Marginal) -> None:
 def pairs(
     names: Sequence[str],
     units: Sequence[str],
-    draws: np.ndarray,
-    best: np.ndarray,
+    draws: Float[np.ndarray, "draw parameter"],
+    best: Float[np.ndarray, " parameter"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
@@ -246,7 +247,7 @@ def _correlation_cell(axis: Any, value: float) -> None:
 def traces(
     names: Sequence[str],
     units: Sequence[str],
-    history: np.ndarray,
+    history: Float[np.ndarray, "step ensemble walker parameter"],
     discarded: int,
     title: str = "",
     save: str | os.PathLike[str] | None = None,
@@ -292,7 +293,9 @@ def traces(
 
 
 @styled
-def acceptance(rates: np.ndarray, title: str = "", save: str | os.PathLike[str] | None = None) -> Figure:
+def acceptance(
+    rates: Float[np.ndarray, "ensemble walker"], title: str = "", save: str | os.PathLike[str] | None = None
+) -> Figure:
     """Draw the acceptance rate of every walker, or a histogram of the rates if there are very many walkers.
 
     Parameters
@@ -340,8 +343,8 @@ def _histogram_of_rates(axis: Axes, rates: np.ndarray) -> None:
 @styled
 def identifiability(
     names: Sequence[str],
-    eigenvalues: np.ndarray,
-    eigenvectors: np.ndarray,
+    eigenvalues: Float[np.ndarray, " combination"],
+    eigenvectors: Float[np.ndarray, "parameter combination"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:

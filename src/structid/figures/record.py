@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.figures.style import ACCENT, MODEL, canvas, finish, name_axes, styled, wide_top
 
@@ -16,12 +17,12 @@ if TYPE_CHECKING:
 
 @styled
 def record(
-    time: np.ndarray,
-    acceleration: np.ndarray,
-    frequency: np.ndarray,
-    amplitude: np.ndarray,
-    period: np.ndarray,
-    pseudo_acceleration: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    acceleration: Float[np.ndarray, " time"],
+    frequency: Float[np.ndarray, " frequency"],
+    amplitude: Float[np.ndarray, " frequency"],
+    period: Float[np.ndarray, " period"],
+    pseudo_acceleration: Float[np.ndarray, " period"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
@@ -70,14 +71,14 @@ def record(
 
 @styled
 def filter_tuning(
-    time: np.ndarray,
-    raw: np.ndarray,
-    raw_frequency: np.ndarray,
-    raw_amplitude: np.ndarray,
-    filtered_time: np.ndarray,
-    filtered: np.ndarray,
-    filtered_frequency: np.ndarray,
-    filtered_amplitude: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    raw: Float[np.ndarray, " time"],
+    raw_frequency: Float[np.ndarray, " frequency"],
+    raw_amplitude: Float[np.ndarray, " frequency"],
+    filtered_time: Float[np.ndarray, " time"],
+    filtered: Float[np.ndarray, " time"],
+    filtered_frequency: Float[np.ndarray, " frequency"],
+    filtered_amplitude: Float[np.ndarray, " frequency"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:

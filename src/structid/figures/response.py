@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.figures.style import (
     ACCENT,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
 
 @styled
 def histories(
-    time: np.ndarray,
+    time: Float[np.ndarray, " time"],
     columns: Sequence[np.ndarray],
     names: Sequence[str],
     units: Sequence[str],
@@ -69,7 +70,7 @@ def histories(
 
 @styled
 def measurement_on_record(
-    time: np.ndarray,
+    time: Float[np.ndarray, " time"],
     excitation: tuple[np.ndarray, str, str],
     measured: Sequence[tuple[np.ndarray, str, str]],
     modelled: Sequence[np.ndarray] | None = None,
@@ -120,12 +121,12 @@ def measurement_on_record(
 
 @styled
 def four_panels(
-    time: np.ndarray,
-    displacement: np.ndarray,
-    velocity: np.ndarray,
-    force: np.ndarray,
-    hysteretic_energy: np.ndarray,
-    elastic_energy: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    displacement: Float[np.ndarray, " time"],
+    velocity: Float[np.ndarray, " time"],
+    force: Float[np.ndarray, " time"],
+    hysteretic_energy: Float[np.ndarray, " time"],
+    elastic_energy: Float[np.ndarray, " time"],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
@@ -166,9 +167,9 @@ def four_panels(
 
 @styled
 def bands(
-    time: np.ndarray,
-    measured: np.ndarray | None,
-    best: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    measured: Float[np.ndarray, " time"] | None,
+    best: Float[np.ndarray, " time"],
     inner: tuple[np.ndarray, np.ndarray],
     outer: tuple[np.ndarray, np.ndarray] | None,
     name: str,
@@ -232,9 +233,9 @@ def _band(axis: Axes, time: np.ndarray, edges: tuple[np.ndarray, np.ndarray], st
 
 @styled
 def energy(
-    time: np.ndarray,
-    measured: np.ndarray | None,
-    best: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    measured: Float[np.ndarray, " time"] | None,
+    best: Float[np.ndarray, " time"],
     band: tuple[np.ndarray, np.ndarray],
     title: str = "",
     save: str | os.PathLike[str] | None = None,
@@ -275,8 +276,8 @@ def energy(
 
 @styled
 def side_by_side(
-    time: np.ndarray,
-    measured: np.ndarray | None,
+    time: Float[np.ndarray, " time"],
+    measured: Float[np.ndarray, " time"] | None,
     inner: Sequence[tuple[np.ndarray, np.ndarray]],
     outer: Sequence[tuple[np.ndarray, np.ndarray]],
     classes: Sequence[str],
@@ -333,12 +334,12 @@ def side_by_side(
 
 @styled
 def residuals(
-    lags: np.ndarray,
-    autocorrelation: np.ndarray,
+    lags: Float[np.ndarray, " lag"],
+    autocorrelation: Float[np.ndarray, " lag"],
     bound: float,
-    frequency: np.ndarray,
-    spectrum: np.ndarray,
-    values: np.ndarray,
+    frequency: Float[np.ndarray, " frequency"],
+    spectrum: Float[np.ndarray, " frequency"],
+    values: Float[np.ndarray, " time"],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Draw the checks of whether whitened residuals are white: autocorrelation, spectrum, quantiles.

@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.figures.style import ACCENT, MODEL, MUTED, canvas, finish, name_axes, pretty, pretty_unit, styled
 
@@ -18,14 +19,14 @@ SHOWN = 400
 
 @styled
 def overview(
-    time: np.ndarray,
-    values: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    values: Float[np.ndarray, "run time channel"],
     channels: tuple[str, ...],
     units: tuple[str, ...],
-    theta: np.ndarray,
+    theta: Float[np.ndarray, "design_point parameter"],
     names: tuple[str, ...],
     parameter_units: tuple[str, ...],
-    status: np.ndarray,
+    status: Int[np.ndarray, " design_point"],
     words: dict[int, str],
     save: str | os.PathLike[str] | None = None,
 ) -> Figure:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.notebook import shown_as_pictures
 from structid.core.units import label, unbracketed
@@ -179,7 +180,7 @@ def finish(figure: Figure, title: str = "", save: str | os.PathLike[str] | None 
     return figure
 
 
-def shown(draws: np.ndarray) -> np.ndarray:
+def shown(draws: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, "2 ..."]:
     """Range of draws that a panel shows: all but one in a thousand, and no more of a long tail than twice what 90 % span.
 
     Parameters
@@ -197,7 +198,9 @@ def shown(draws: np.ndarray) -> np.ndarray:
     return np.stack([np.maximum(least, low - tail), np.minimum(most, high + tail)])
 
 
-def density(draws: np.ndarray, points: np.ndarray, low: float, high: float) -> np.ndarray:
+def density(
+    draws: Float[np.ndarray, " draw"], points: Float[np.ndarray, " point"], low: float, high: float
+) -> Float[np.ndarray, " point"]:
     """Kernel density of draws, reflected at the bounds so that no mass lies beyond them.
 
     Parameters

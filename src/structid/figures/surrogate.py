@@ -6,6 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.figures.style import ACCENT, MEASURED, MODEL, MUTED, WIDTH, finish, name_axes, pretty, pretty_unit, styled
 
@@ -16,15 +17,15 @@ if TYPE_CHECKING:
 
 @styled
 def validation(
-    time: np.ndarray,
-    true: np.ndarray,
-    predicted: np.ndarray,
-    shown_errors: np.ndarray,
-    peaks: np.ndarray,
-    predicted_peaks: np.ndarray,
-    samples: np.ndarray,
-    predicted_samples: np.ndarray,
-    errors: np.ndarray,
+    time: Float[np.ndarray, " time"],
+    true: Float[np.ndarray, "3 time"],
+    predicted: Float[np.ndarray, "3 time"],
+    shown_errors: Float[np.ndarray, " 3"],
+    peaks: Float[np.ndarray, " run"],
+    predicted_peaks: Float[np.ndarray, " run"],
+    samples: Float[np.ndarray, " sample"],
+    predicted_samples: Float[np.ndarray, " sample"],
+    errors: Float[np.ndarray, " run"],
     channel: str,
     unit: str,
     integrated: tuple[np.ndarray, np.ndarray] | None = None,
@@ -115,7 +116,10 @@ def _distribution(axis: Axes, errors: np.ndarray) -> None:
 
 @styled
 def coefficients(
-    own: np.ndarray, predicted: np.ndarray, names: tuple[str, ...], save: str | os.PathLike[str] | None = None
+    own: Float[np.ndarray, "run coefficient"],
+    predicted: Float[np.ndarray, "run coefficient"],
+    names: tuple[str, ...],
+    save: str | os.PathLike[str] | None = None,
 ) -> Figure:
     """Draw the coefficients that a surrogate predicts against the coefficients fitted to each run alone.
 

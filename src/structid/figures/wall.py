@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.figures.style import ACCENT, MEASURED, MODEL, MUTED, canvas, finish, name_axes, styled
 
@@ -23,10 +24,10 @@ MOST_NAMES = 40
 
 @styled
 def mesh(
-    corners: np.ndarray,
-    joints: np.ndarray,
-    bars: np.ndarray,
-    fixed: np.ndarray,
+    corners: Float[np.ndarray, "block 4 2"],
+    joints: Float[np.ndarray, "joint 2"],
+    bars: Float[np.ndarray, "bar 2 2"],
+    fixed: Float[np.ndarray, "node 2"],
     loads: Sequence[tuple[float, float, float]],
     points: Sequence[tuple[str, float, float]],
     words: str,
@@ -89,9 +90,9 @@ def mesh(
 
 @styled
 def deformed(
-    corners: np.ndarray,
+    corners: Float[np.ndarray, "block 4 2"],
     moved: Sequence[np.ndarray],
-    faces: np.ndarray,
+    faces: Int[np.ndarray, "joint 3"],
     openings: Sequence[np.ndarray],
     titles: Sequence[str],
     scale: float,
@@ -159,8 +160,8 @@ def deformed(
 
 @styled
 def strain_maps(
-    x: np.ndarray,
-    y: np.ndarray,
+    x: Float[np.ndarray, " column"],
+    y: Float[np.ndarray, " row"],
     maps: Sequence[np.ndarray],
     titles: Sequence[str],
     save: str | os.PathLike[str] | None = None,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.core.errors import InputError
 from structid.figures.style import MODEL, MUTED, canvas, name_axes, styled
@@ -16,11 +17,11 @@ from structid.figures.wall import EDGE, MASONRY
 @styled
 def animation(
     path: Path,
-    corners: np.ndarray,
-    moved: np.ndarray,
-    time: np.ndarray,
-    drift: np.ndarray,
-    instants: np.ndarray,
+    corners: Float[np.ndarray, "block 4 2"],
+    moved: Float[np.ndarray, "frame block 4 2"],
+    time: Float[np.ndarray, " time"],
+    drift: Float[np.ndarray, " time"],
+    instants: Int[np.ndarray, " frame"],
     scale: float,
     per_second: int,
 ) -> Path:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError, check_choice
 from structid.core.hashing import digest
@@ -164,7 +165,7 @@ class Excitation:
         return stages.reshape(steps, substeps, 3)
 
     @check_arguments
-    def values_at(self, times: np.ndarray) -> np.ndarray:
+    def values_at(self, times: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
         """Signal at any times within its duration.
 
         Parameters
@@ -388,7 +389,7 @@ def check_signals_alike(where: str, records: Sequence[Excitation]) -> None:
         raise InputError(where, came, "the same number of signals in each record")
 
 
-def padded_values(records: Sequence[Excitation]) -> np.ndarray:
+def padded_values(records: Sequence[Excitation]) -> Float[np.ndarray, "record time *motion"]:
     """Samples of several records in one array, with NaN after the end of a shorter record.
 
     Parameters

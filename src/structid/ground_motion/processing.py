@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError, check_choice
 
@@ -52,7 +53,7 @@ def check_samples(where: str, samples: float) -> None:
         raise InputError(where, f"a signal of {samples:.3g} samples", f"{MOST_SAMPLES:,} samples or fewer")
 
 
-def remove_baseline(signal: np.ndarray, kind: str = "constant") -> np.ndarray:
+def remove_baseline(signal: Float[np.ndarray, " time"], kind: str = "constant") -> Float[np.ndarray, " time"]:
     """Subtract the mean or the least-squares line.
 
     Parameters
@@ -96,7 +97,9 @@ def butterworth_order(edge: float, dt: float, stop: float | None = None) -> int:
     return int(order)
 
 
-def butterworth(signal: np.ndarray, dt: float, edges: float | tuple[float, float], band: str, order: int) -> np.ndarray:
+def butterworth(
+    signal: Float[np.ndarray, " time"], dt: float, edges: float | tuple[float, float], band: str, order: int
+) -> Float[np.ndarray, " time"]:
     """Filter forward and backward: no phase shift, and twice the attenuation (6 dB at the edge).
 
     Parameters
@@ -156,7 +159,7 @@ def _settling_samples(sections: np.ndarray) -> int:
     return int(np.ceil(np.log(SETTLED) / np.log(np.abs(poles).max())))
 
 
-def resample(signal: np.ndarray, dt: float, new_dt: float) -> np.ndarray:
+def resample(signal: Float[np.ndarray, " time"], dt: float, new_dt: float) -> Float[np.ndarray, " new_time"]:
     """Resample with a polyphase anti-aliasing filter.
 
     The signal goes on beyond its ends with its last slope (odd reflection), so that a constant stays constant.
@@ -207,7 +210,7 @@ def _resampling_kernel(up: int, down: int) -> np.ndarray:
     return np.asarray(kernel / (up * sums[phase]))
 
 
-def integrate(signal: np.ndarray, dt: float) -> np.ndarray:
+def integrate(signal: Float[np.ndarray, "... time"], dt: float) -> Float[np.ndarray, "... time"]:
     """Integrate over time by the trapezoidal rule, from zero.
 
     Parameters

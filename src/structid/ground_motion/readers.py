@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.units import factor, factor_of, same_dimension
@@ -104,7 +105,7 @@ class Columns(NamedTuple):
 
     start: float
     dt: float
-    values: np.ndarray
+    values: Float[np.ndarray, "time column"]
 
 
 def read_columns(

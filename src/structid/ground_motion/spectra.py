@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.units import STANDARD_GRAVITY
@@ -27,7 +28,7 @@ class ResponseSpectrum(NamedTuple):
     pseudo_acceleration: np.ndarray
 
 
-def fourier_amplitude(signal: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+def fourier_amplitude(signal: Float[np.ndarray, " time"], dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Fourier amplitude spectrum, |Σ x exp(−iωt)| dt.
 
     Parameters
@@ -45,7 +46,7 @@ def fourier_amplitude(signal: np.ndarray, dt: float) -> tuple[np.ndarray, np.nda
     return np.fft.rfftfreq(signal.size, dt), np.abs(np.fft.rfft(signal)) * dt
 
 
-def arias_history(acceleration: np.ndarray, dt: float) -> np.ndarray:
+def arias_history(acceleration: Float[np.ndarray, " time"], dt: float) -> Float[np.ndarray, " time"]:
     """Arias intensity up to each sample, π/(2g) ∫ a² dt.
 
     Parameters
@@ -63,7 +64,9 @@ def arias_history(acceleration: np.ndarray, dt: float) -> np.ndarray:
     return np.pi / (2.0 * STANDARD_GRAVITY) * integrate(acceleration**2, dt)
 
 
-def significant_duration(acceleration: np.ndarray, dt: float, start: float = 0.05, end: float = 0.95) -> float:
+def significant_duration(
+    acceleration: Float[np.ndarray, " time"], dt: float, start: float = 0.05, end: float = 0.95
+) -> float:
     """Time between two fractions of the Arias intensity.
 
     Parameters
@@ -86,8 +89,8 @@ def significant_duration(acceleration: np.ndarray, dt: float, start: float = 0.0
 
 
 def oscillator_displacement(
-    acceleration: np.ndarray, dt: float, period: float, damping_ratio: float = 0.05
-) -> np.ndarray:
+    acceleration: Float[np.ndarray, " time"], dt: float, period: float, damping_ratio: float = 0.05
+) -> Float[np.ndarray, " fine_time"]:
     """Relative displacement of a linear oscillator, exact for a record that is linear between samples.
 
     The recurrence of Nigam & Jennings (1969, Bull. Seism. Soc. Am. 59, 909) for u″ + 2ζω u′ + ω² u = −a_g. It runs at
@@ -138,7 +141,10 @@ def oscillator_displacement(
 
 
 def response_spectrum(
-    acceleration: np.ndarray, dt: float, periods: np.ndarray | None = None, damping_ratio: float = 0.05
+    acceleration: Float[np.ndarray, " time"],
+    dt: float,
+    periods: Float[np.ndarray, " period"] | None = None,
+    damping_ratio: float = 0.05,
 ) -> ResponseSpectrum:
     """Peak displacement, pseudo-velocity and pseudo-acceleration of linear oscillators.
 
@@ -175,7 +181,7 @@ def response_spectrum(
     return ResponseSpectrum(periods, peak, omega * peak, omega**2 * peak)
 
 
-def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> float:
+def rotd(first: Float[np.ndarray, " time"], second: Float[np.ndarray, " time"], percentile: float = 50.0) -> float:
     """Percentile, over all directions, of the peak of two horizontal components (Boore 2010, RotD50).
 
     Parameters
@@ -202,8 +208,12 @@ def rotd(first: np.ndarray, second: np.ndarray, percentile: float = 50.0) -> flo
 
 
 def rotd_spectrum(
-    first: np.ndarray, second: np.ndarray, dt: float, periods: np.ndarray, damping_ratio: float = 0.05
-) -> np.ndarray:
+    first: Float[np.ndarray, " time"],
+    second: Float[np.ndarray, " other_time"],
+    dt: float,
+    periods: Float[np.ndarray, " period"],
+    damping_ratio: float = 0.05,
+) -> Float[np.ndarray, " period"]:
     """RotD50 pseudo-acceleration spectrum of two horizontal components.
 
     Parameters

@@ -10,6 +10,7 @@ import functools
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.streams import Purpose, stream
@@ -19,7 +20,9 @@ CORNER_FREQUENCY = 0.1
 """Corner frequency of the critically damped high-pass oscillator [Hz]."""
 
 
-def modulating_function(time: np.ndarray, arias: float, duration: float, middle: float) -> np.ndarray:
+def modulating_function(
+    time: Float[np.ndarray, " time"], arias: float, duration: float, middle: float
+) -> Float[np.ndarray, " time"]:
     """Gamma-type modulating function q(t) = α₁ t^(α₂−1) exp(−α₃ t), from three physical measures.
 
     q² is proportional to a gamma density of shape 2α₂ − 1 and rate 2α₃. So the times of 5, 45 and 95 % of the Arias
@@ -62,8 +65,8 @@ def modulating_function(time: np.ndarray, arias: float, duration: float, middle:
 
 
 def filtered_noise(
-    rng: np.random.Generator, samples: int, dt: float, frequency: np.ndarray, damping_ratio: float
-) -> np.ndarray:
+    rng: np.random.Generator, samples: int, dt: float, frequency: Float[np.ndarray, " time"], damping_ratio: float
+) -> Float[np.ndarray, " time"]:
     """White noise through a filter whose frequency changes with time, scaled to unit variance.
 
     x(t) = Σ_i h(t − t_i; ω_i) w_i / σ_h(t),  h(τ; ω) = ω/√(1−ζ²) exp(−ζωτ) sin(ω√(1−ζ²) τ)
@@ -114,7 +117,7 @@ def stochastic_acceleration(
     frequency: float,
     frequency_slope: float,
     damping_ratio: float,
-) -> np.ndarray:
+) -> Float[np.ndarray, " time"]:
     """One realisation of the stochastic ground acceleration.
 
     Parameters

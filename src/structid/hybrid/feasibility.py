@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.hybrid.control.compensation import Compensation
 from structid.hybrid.control.motion import Motion
@@ -112,7 +113,7 @@ class Plan:
 
     joined: Joined
     description: SpecimenDescription
-    geometry: np.ndarray
+    geometry: Float[np.ndarray, "channel dof"]
     motion: Motion
     compensation: Compensation | None
     time_scale: float
@@ -132,8 +133,8 @@ class VirtualMoves:
         How it failed; empty where it did not.
     """
 
-    targets: np.ndarray
-    forces: np.ndarray
+    targets: Float[np.ndarray, "move channel"]
+    forces: Float[np.ndarray, "move channel"]
     collapse: str = ""
 
     @property
@@ -142,7 +143,7 @@ class VirtualMoves:
         return bool(np.abs(self.targets).max() < ABSURD and np.isfinite(self.forces).all())
 
 
-def commanded(plan: Plan, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def commanded(plan: Plan, targets: Float[np.ndarray, "move channel"]) -> tuple[np.ndarray, np.ndarray]:
     """Say how far and how fast pistons will be commanded, with the compensation, which overshoots and makes small jumps fast.
 
     Parameters
@@ -172,7 +173,7 @@ def commanded(plan: Plan, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ) / step
 
 
-def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> np.ndarray:
+def damping_with_delay(plan: Plan, whole: WholeStructure, delay: float) -> Float[np.ndarray, " mode"]:
     """Damping of every mode: ζ + p Im G/2, G = gain · e^(−iωτ).
 
     Parameters

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError, check_choice
 from structid.core.notebook import ShownAsText
@@ -62,7 +63,7 @@ class MoveHistory:
         That it exerts [N].
     """
 
-    time: np.ndarray
+    time: Float[np.ndarray, " move"]
     target: np.ndarray
     command: np.ndarray
     measured: np.ndarray
@@ -90,8 +91,8 @@ class Tracking:
 
     error: float
     index: FrequencyEvaluationIndex | None
-    indicator: np.ndarray = field(repr=False)
-    energy: np.ndarray = field(repr=False)
+    indicator: Float[np.ndarray, " move"] = field(repr=False)
+    energy: Float[np.ndarray, " move"] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)

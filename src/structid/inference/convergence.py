@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Bool, Float
 
 from structid.probability.ranks import ranks
 
@@ -19,7 +20,7 @@ FEWEST_MOVES = 50
 """A walker is judged by its acceptance only if the median walker has at least this many accepted moves."""
 
 
-def autocorrelation_time(series: np.ndarray, window: float = 5.0) -> float:
+def autocorrelation_time(series: Float[np.ndarray, "series step"], window: float = 5.0) -> float:
     """Integrated autocorrelation time, τ = 1 + 2 Σ (1 − t/S) ρ(t) over S steps, with Sokal's window.
 
     The sum ends at the first lag M ≥ `window` · τ(M) (Sokal 1997). The autocorrelations of several series are averaged first,
@@ -59,7 +60,7 @@ def _time_and_error(series: np.ndarray, window: float = 5.0) -> tuple[float, flo
     return time, time * float(np.sqrt(2.0 * (2 * last + 1) / (count * steps)))
 
 
-def autocovariance(series: np.ndarray) -> np.ndarray:
+def autocovariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "lag quantity"]:
     """Sums of lagged products, Σ_t (x_t − x̄)(x_{t+k} − x̄).
 
     Parameters
@@ -77,7 +78,7 @@ def autocovariance(series: np.ndarray) -> np.ndarray:
     return np.fft.irfft(np.abs(transform) ** 2, axis=0)[:samples]
 
 
-def walkers_in_turn(draws: np.ndarray) -> int:
+def walkers_in_turn(draws: Float[np.ndarray, "draw parameter"]) -> int:
     """Number of walkers whose draws follow one another in what looks like one chain: w_1(1), w_2(1), …, w_1(2), w_2(2) and so on.
 
     Neighbours are then independent, and the draws of one walker, so many further on, are not.
@@ -99,7 +100,7 @@ def walkers_in_turn(draws: np.ndarray) -> int:
     return int(apart[0]) if apart.size and apart[0] > 1 else 1
 
 
-def weighted_size(weights: np.ndarray) -> float:
+def weighted_size(weights: Float[np.ndarray, " draw"]) -> float:
     """Effective number of weighted draws by Kish's measure, (Σw)²/Σw².
 
     Parameters
@@ -115,7 +116,7 @@ def weighted_size(weights: np.ndarray) -> float:
     return float(np.sum(weights) ** 2 / np.sum(weights**2))
 
 
-def effective_sample_size(draws: np.ndarray) -> float:
+def effective_sample_size(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Effective number of independent draws for the mean of a quantity.
 
     Walkers of a stationary ensemble are independent at any one step, so the mean over walkers has the variance σ²/W, and
@@ -134,7 +135,7 @@ def effective_sample_size(draws: np.ndarray) -> float:
     return draws.size / series_time(draws)
 
 
-def standard_error(draws: np.ndarray) -> float:
+def standard_error(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Standard error of the mean of a quantity: the larger of that by the effective number of draws and that by the ensembles.
 
     Parameters
@@ -153,7 +154,7 @@ def standard_error(draws: np.ndarray) -> float:
     return float(np.sqrt(max(by_size, by_ensembles)))
 
 
-def series_time(draws: np.ndarray) -> float:
+def series_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Integrated autocorrelation time of a quantity, which gives the error of its mean.
 
     What counts is τ of the mean over each ensemble. A few ensembles determine it badly: from 300 steps with τ = 60, to a factor
@@ -177,7 +178,7 @@ def series_time(draws: np.ndarray) -> float:
     return alone + (beyond - error**2 / beyond if beyond > error else 0.0)
 
 
-def longest_time(draws: np.ndarray) -> float:
+def longest_time(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """The longer of two autocorrelation times, the walkers' and their ensemble means', by which a chain's length is judged.
 
     Parameters
@@ -199,7 +200,7 @@ def _times_alone_and_together(draws: np.ndarray) -> tuple[float, float, float]:
     return autocorrelation_time(draws.reshape(len(draws), -1).T), *_time_and_error(draws.mean(axis=2).T)
 
 
-def bulk_and_tail_size(draws: np.ndarray) -> tuple[float, float]:
+def bulk_and_tail_size(draws: Float[np.ndarray, "step ensemble walker"]) -> tuple[float, float]:
     """Effective sample sizes of the rank-normalised draws, and the smaller of those of the 5 and 95 % quantiles.
 
     Parameters
@@ -220,7 +221,7 @@ def _size_beyond(draws: np.ndarray, share: float) -> float:
     return min(effective_sample_size((draws <= q).astype(np.float64)) for q in np.quantile(draws, [share, 1.0 - share]))
 
 
-def r_hat(draws: np.ndarray) -> float:
+def r_hat(draws: Float[np.ndarray, "step ensemble walker"]) -> float:
     """Rank-normalised split R-hat over ensembles, the walkers of each pooled.
 
     Walkers of one ensemble are not independent chains; ensembles are.
@@ -268,7 +269,9 @@ def normal_scores(draws: np.ndarray) -> np.ndarray:
     return np.asarray(scipy.special.ndtri((ranks(draws) - 0.375) / (draws.size + 0.25)))
 
 
-def stuck_walkers(accepted: np.ndarray, log_density: np.ndarray) -> np.ndarray:
+def stuck_walkers(
+    accepted: Bool[np.ndarray, "step ensemble walker"], log_density: Float[np.ndarray, "step ensemble walker"]
+) -> Bool[np.ndarray, "ensemble walker"]:
     """Walkers that hardly move, or that end far below where the others are.
 
     Parameters
@@ -311,7 +314,7 @@ class ParameterDiagnostics:
     far_tail_size: float
 
 
-def parameter_diagnostics(draws: np.ndarray) -> ParameterDiagnostics:
+def parameter_diagnostics(draws: Float[np.ndarray, "step ensemble walker"]) -> ParameterDiagnostics:
     """All diagnostics of one parameter.
 
     Parameters

@@ -9,6 +9,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError, check_choice
 from structid.core.hashing import digest, function_identity
@@ -75,7 +76,7 @@ class Target(ABC):
         """Names of what explorers and certificates compare means and standard deviations of; see `compared`."""
         return tuple(f"log {name}" if name in self.variances else name for name in self.names)
 
-    def compared(self, theta: np.ndarray) -> np.ndarray:
+    def compared(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Give what explorers and certificates compare means and standard deviations of.
 
         These are the parameters, and of the variances of errors the logarithms. A variance is known up to a factor. The posterior
@@ -104,7 +105,7 @@ class Target(ABC):
         return False
 
     @abstractmethod
-    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Log density in unconstrained coordinates.
 
         Parameters
@@ -118,7 +119,7 @@ class Target(ABC):
             Log density with respect to φ (−inf where it cannot be computed), and where a simulation failed.
         """
 
-    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood separately, for samplers that move from the prior to the posterior.
 
         Parameters
@@ -168,7 +169,7 @@ class Target(ABC):
         )
 
     @abstractmethod
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log density with respect to the parameters.
 
         Parameters
@@ -183,7 +184,7 @@ class Target(ABC):
         """
 
     @abstractmethod
-    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Draw points to start from, in unconstrained coordinates.
 
         Parameters

@@ -7,7 +7,9 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.engine.sequence import in_sequence
 from structid.mechanics.restoring_forces import RestoringForce
@@ -61,7 +63,7 @@ class CarriedOver(AroundAnother):
             raise InputError("CarriedOver.way", f"an array of shape {way.shape}", "(place, dof), finite, one or more")
         object.__setattr__(self, "way", way)
 
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """What is remembered at the end of the way; see `RestoringForce.at_rest`.
 
         Parameters
@@ -83,7 +85,7 @@ class CarriedOver(AroundAnother):
         (at_zero, memory), _ = in_sequence(move, start, (self.way,))
         return {"memory": memory, "at_zero": at_zero}
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Impose a displacement from the new zero; see `RestoringForce.at`.
 
         Parameters
@@ -128,7 +130,7 @@ class InPieces(AroundAnother):
         """As many times that of the structure; see `RestoringForce.largest_move`."""
         return self.pieces * self.force.largest_move
 
-    def force_at_rest(self, displacement: Any) -> Any:
+    def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """As of the structure; see `RestoringForce.force_at_rest`.
 
         Parameters
@@ -143,7 +145,7 @@ class InPieces(AroundAnother):
         """
         return self.force.force_at_rest(displacement)
 
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """What is remembered before the first move; see `RestoringForce.at_rest`.
 
         Parameters
@@ -158,7 +160,7 @@ class InPieces(AroundAnother):
         """
         return {"memory": self.force.at_rest(displacement), "place": displacement}
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Impose a displacement; see `RestoringForce.at`.
 
         Parameters

@@ -11,6 +11,9 @@ import math
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar, NamedTuple
 
+from jaxtyping import Float
+
+from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 
 ROUNDING = 1e-10
@@ -113,7 +116,7 @@ class JointLaw(ABC):
     load_steps: ClassVar[int]
 
     @abstractmethod
-    def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
+    def respond(self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any) -> JointResponse:
         """Give tractions and tangents.
 
         Parameters
@@ -131,7 +134,9 @@ class JointLaw(ABC):
             Of these jumps.
         """
 
-    def remembered(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> Any:
+    def remembered(
+        self, law: CohesiveLaw, memory: Float[Array, "memory ..."], opening: Any, slip: Any
+    ) -> Float[Array, "memory ..."]:
         """Give what is remembered after a step.
 
         Parameters
@@ -209,7 +214,7 @@ class DamageFriction(JointLaw):
 
     memories, load_steps = 2, 4
 
-    def respond(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> JointResponse:
+    def respond(self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any) -> JointResponse:
         """Give tractions and tangents; see `JointLaw.respond`.
 
         Parameters
@@ -253,7 +258,9 @@ class DamageFriction(JointLaw):
             left * k_t + left_t * (k_t * slip - rubbed) + (1.0 - left) * rubbed_t,
         )
 
-    def remembered(self, law: CohesiveLaw, memory: Any, opening: Any, slip: Any) -> Any:
+    def remembered(
+        self, law: CohesiveLaw, memory: Float[Array, "2 ..."], opening: Any, slip: Any
+    ) -> Float[Array, "2 ..."]:
         """Give κ and Δ_p after a step; see `JointLaw.remembered`.
 
         Parameters

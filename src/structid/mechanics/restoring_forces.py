@@ -12,7 +12,9 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError, StructidError
 from structid.core.hashing import digest
 from structid.core.validation import check_arguments
@@ -52,7 +54,7 @@ class RestoringForce(ABC):
         """Hash of everything that a force depends on."""
         return digest(type(self).__name__, *_arrays_of(self))
 
-    def force_at_rest(self, displacement: Any) -> Any:
+    def force_at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """Force before the first move, of a load that stands on it; none unless it says otherwise.
 
         Parameters
@@ -67,7 +69,7 @@ class RestoringForce(ABC):
         """
         return displacement
 
-    def begin(self, displacement: Any) -> tuple[Any, Any]:
+    def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Give the force before the first move, and the memory there.
 
         Parameters
@@ -83,7 +85,7 @@ class RestoringForce(ABC):
         return self.force_at_rest(displacement), self.at_rest(displacement)
 
     @abstractmethod
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """What is remembered before the first move.
 
         Parameters
@@ -98,7 +100,7 @@ class RestoringForce(ABC):
         """
 
     @abstractmethod
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Impose a displacement.
 
         Parameters
@@ -125,7 +127,7 @@ class LinearForce(RestoringForce):
         K [N/m].
     """
 
-    stiffness: np.ndarray
+    stiffness: Float[np.ndarray, "dof dof"]
 
     @property
     def dofs(self) -> int:
@@ -147,7 +149,7 @@ class LinearForce(RestoringForce):
         """
         return ()
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Impose a displacement; see `RestoringForce.at`.
 
         Parameters
@@ -225,7 +227,7 @@ class HystereticSprings(RestoringForce):
         ultimate = (1.0 / shapes) ** (1.0 / float(np.min(self.law.exponent))) if shapes > 0.0 else np.inf
         return 0.04 * ultimate / float(np.abs(self.deformations).sum(axis=1).max())
 
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """Springs that were never moved; see `RestoringForce.at_rest`.
 
         Parameters
@@ -241,7 +243,7 @@ class HystereticSprings(RestoringForce):
         nothing = self.deformations @ displacement
         return {"d": nothing, "z": nothing, "e_h": nothing}
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Impose a displacement; see `RestoringForce.at`.
 
         Parameters

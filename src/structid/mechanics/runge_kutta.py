@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 
 import jax
 from jax import lax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.time_loop import State, TimeLoop, all_finite
 
 
@@ -75,7 +77,7 @@ def runge_kutta_loop(
     inputs_of: Callable[[Any], tuple[Any, Any, Any]],
     observe: Callable[[State, Any], Any],
     start: State,
-    stages: Any,
+    stages: Float[Array, "time substeps 3"],
     dt: float,
     lead_in: int = 0,
     watch: Watch | None = None,

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Bool, Float
 
+from structid.core.arrays import Array
 from structid.core.channels import ChannelUnit, standard_unit
 from structid.core.errors import InputError, suggestion
 from structid.core.progress import Progress
@@ -33,7 +35,7 @@ class StandIn(ABC):
         """Mean of Σ(y − ŷ)²/Σ(y − ȳ)² against the model it stands for."""
 
     @abstractmethod
-    def outside(self, theta: np.ndarray) -> np.ndarray:
+    def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
         """Say which points lie outside the range in which it is known to be good.
 
         Parameters
@@ -68,7 +70,9 @@ class StandIn(ABC):
         """
 
     @abstractmethod
-    def error_variance(self, theta: Any, excitation: Any, values: Any) -> Any:
+    def error_variance(
+        self, theta: Float[Array, "run parameter"], excitation: Any, values: Float[Array, "time channel run"]
+    ) -> Float[Array, "channel run"]:
         """Variance of its own error, averaged over time, inside JAX.
 
         Parameters
@@ -143,7 +147,7 @@ class Model(ABC):
         """What an engineer would call it."""
         return "model"
 
-    def pictures(self, theta: np.ndarray, excitation: Excitation) -> Sequence[ModelPicture]:
+    def pictures(self, theta: Float[np.ndarray, " parameter"], excitation: Excitation) -> Sequence[ModelPicture]:
         """Pictures of the structure in one run; none for a model that cannot draw itself.
 
         Parameters
@@ -160,7 +164,7 @@ class Model(ABC):
         """
         return ()
 
-    def derived_quantities(self, theta: np.ndarray) -> Mapping[str, DerivedQuantity]:
+    def derived_quantities(self, theta: Float[np.ndarray, "run parameter"]) -> Mapping[str, DerivedQuantity]:
         """What follows from the parameters, and says more to an engineer: a yield displacement, say.
 
         Parameters
@@ -175,7 +179,7 @@ class Model(ABC):
         """
         return {}
 
-    def natural_frequency(self, theta: np.ndarray) -> np.ndarray | None:
+    def natural_frequency(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"] | None:
         """Lowest natural frequency before anything yields.
 
         Parameters
@@ -271,7 +275,7 @@ class Model(ABC):
     @abstractmethod
     def run(
         self,
-        theta: np.ndarray,
+        theta: Float[np.ndarray, "run parameter"],
         excitation: Excitation,
         progress: Progress | None = None,
         map: Map | None = None,
@@ -293,7 +297,7 @@ class Model(ABC):
             One row a run.
         """
 
-    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+    def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
         """Check parameters and excitation before a run.
 
         Parameters
@@ -354,7 +358,7 @@ class Model(ABC):
         """Hash of everything a response depends on besides parameters and excitation."""
 
     @check_arguments
-    def parameters(self, design: Design | np.ndarray) -> np.ndarray:
+    def parameters(self, design: Design | np.ndarray) -> Float[np.ndarray, "run parameter"]:
         """Check a design against the free parameters and bring its columns into their order.
 
         Parameters

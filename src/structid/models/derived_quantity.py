@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 
 class DerivedQuantity(NamedTuple):
@@ -18,5 +19,5 @@ class DerivedQuantity(NamedTuple):
         In which it is shown, such as ``"mm"``.
     """
 
-    values: np.ndarray
+    values: Float[np.ndarray, " run"]
     unit: str

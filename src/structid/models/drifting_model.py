@@ -7,7 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.channels import ChannelUnit
 from structid.core.errors import InputError
 from structid.core.hashing import digest
@@ -135,7 +137,7 @@ class DriftingModel(TraceableModel):
         """
         self.model.check_excitation(excitation)
 
-    def at_knots(self, theta: Any) -> Any:
+    def at_knots(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run knot sampled_parameter"]:
         """θ_j + d_j b_jk, within the support of the prior.
 
         Parameters
@@ -154,7 +156,7 @@ class DriftingModel(TraceableModel):
         low, high = self.space.bounds.T
         return jnp.clip(mean + drift * at, low, high)
 
-    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+    def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
         """Give the loop over the record; see `TraceableModel.time_loop`.
 
         Parameters
@@ -190,7 +192,7 @@ def _shares(rows: int, before: int, step: float, knots: int) -> np.ndarray:
     return hats((np.arange(rows) - before) * step, knots)
 
 
-def hats(at: np.ndarray, knots: int) -> np.ndarray:
+def hats(at: Float[np.ndarray, " row"], knots: int) -> Float[np.ndarray, "row knot"]:
     """Weights of linear interpolation between knots at 0, 1, 2, …; constant before the first and after the last.
 
     Parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.ground_motion.excitation import Excitation
 from structid.histories import Histories
@@ -69,7 +70,9 @@ def _finer(model: Any, times: int) -> TraceableModel:
     return finer
 
 
-def integration_error(model: TraceableModel, theta: np.ndarray, excitation: Excitation) -> IntegrationError | None:
+def integration_error(
+    model: TraceableModel, theta: Float[np.ndarray, "1 parameter"], excitation: Excitation
+) -> IntegrationError | None:
     """Compare a run with the same one in shorter steps.
 
     Parameters

@@ -11,7 +11,9 @@ from typing import Any, ClassVar, Self, cast
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
+from structid.core.arrays import Array
 from structid.core.channels import ChannelUnit
 from structid.core.errors import InputError, Status
 from structid.core.progress import Progress
@@ -116,7 +118,7 @@ class Shortcut(ABC):
     """
 
     @abstractmethod
-    def for_runs(self, measurement: Any) -> Self:
+    def for_runs(self, measurement: Int[Array, " run"]) -> Self:
         """Give each run a measurement of its own.
 
         Parameters
@@ -131,7 +133,7 @@ class Shortcut(ABC):
         """
 
     @abstractmethod
-    def squares(self, theta: Any) -> tuple[Any, Any]:
+    def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Sum over time of (measured − response)², inside JAX.
 
         Parameters
@@ -146,7 +148,9 @@ class Shortcut(ABC):
         """
 
     @abstractmethod
-    def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
+    def marginal_log_likelihood(
+        self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
+    ) -> tuple[Any, Any] | None:
         """Log density of the measurement with independent errors, the model's own error integrated out, inside JAX.
 
         Parameters
@@ -196,7 +200,7 @@ class TraceableModel(Model):
         """Whether its parameters may change while it responds; see `Model.can_drift`."""
         return self.loops and self.stand_in is None
 
-    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop | None:
+    def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop | None:
         """Give the loop over time that the response is, inside JAX, for a model whose response is one.
 
         Parameters
@@ -213,7 +217,7 @@ class TraceableModel(Model):
         """
         return None
 
-    def static_force(self, theta: Any) -> RestoringForce | None:
+    def static_force(self, theta: Float[Array, "run parameter"]) -> RestoringForce | None:
         """Give the force of its structure against displacements that are imposed on it, inside JAX.
 
         Parameters
@@ -228,7 +232,7 @@ class TraceableModel(Model):
         """
         return None
 
-    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+    def response(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> tuple[Any, Any]:
         """Respond inside JAX.
 
         Parameters
@@ -288,7 +292,9 @@ class TraceableModel(Model):
         """By content hash: for the same one a compiled response is found again."""
         return {}
 
-    def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> Shortcut | None:
+    def shortcut(
+        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+    ) -> Shortcut | None:
         """Give a shorter way to the likelihood of measurements, for a model that has one.
 
         Parameters
@@ -309,7 +315,7 @@ class TraceableModel(Model):
 
     def run(
         self,
-        theta: np.ndarray,
+        theta: Float[np.ndarray, "run parameter"],
         excitation: Excitation,
         progress: Progress | None = None,
         map: Map | None = None,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.journal import write_then_rename
 from structid.core.units import label
@@ -32,7 +33,7 @@ class Minimum:
         Parameters at one of their bounds, and inequalities that hold with equality.
     """
 
-    theta: np.ndarray
+    theta: Float[np.ndarray, " parameter"]
     value: float
     starts: int
     on_boundary: tuple[str, ...]
@@ -67,10 +68,10 @@ class OptimizeResult:
     minima: tuple[Minimum, ...]
     evaluations: int
     scale: float
-    ends: np.ndarray = field(repr=False)
-    values: np.ndarray = field(repr=False)
+    ends: Float[np.ndarray, "start parameter"] = field(repr=False)
+    values: Float[np.ndarray, " start"] = field(repr=False)
     units: dict[str, str] = field(repr=False, default_factory=dict)
-    factors: np.ndarray = field(repr=False, default=None)  # type: ignore[arg-type]
+    factors: Float[np.ndarray, " parameter"] = field(repr=False, default=None)  # type: ignore[arg-type]
 
     @property
     def best(self) -> Minimum:
@@ -124,7 +125,12 @@ class OptimizeResult:
 
 
 def collect(
-    method: str, objective: Objective, where: Region, x: np.ndarray, values: np.ndarray, evaluations: int
+    method: str,
+    objective: Objective,
+    where: Region,
+    x: Float[np.ndarray, "start parameter"],
+    values: Float[np.ndarray, " start"],
+    evaluations: int,
 ) -> OptimizeResult:
     """Group the end points of a search into distinct minima.
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.streams import Purpose, derived_seed
@@ -28,7 +29,7 @@ class Objective(Protocol):
         """Values (run,) at ``theta[run, parameter]``."""
         ...
 
-    def linearised(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linearised(self, theta: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values, gradients and positive semi-definite curvatures.
 
         Parameters
@@ -58,13 +59,13 @@ class Region:
         Name of each constraint: the parameter for the box, else the inequality.
     """
 
-    low: np.ndarray
-    width: np.ndarray
-    matrix: np.ndarray
-    limit: np.ndarray
+    low: Float[np.ndarray, " parameter"]
+    width: Float[np.ndarray, " parameter"]
+    matrix: Float[np.ndarray, "constraint parameter"]
+    limit: Float[np.ndarray, " constraint"]
     faces: tuple[str, ...]
 
-    def to_theta(self, x: np.ndarray) -> np.ndarray:
+    def to_theta(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Convert scaled coordinates to SI.
 
         Parameters
@@ -80,7 +81,7 @@ class Region:
         theta: np.ndarray = self.low + x * self.width
         return theta
 
-    def to_scaled(self, theta: np.ndarray) -> np.ndarray:
+    def to_scaled(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Convert SI to scaled coordinates.
 
         Parameters
@@ -96,7 +97,7 @@ class Region:
         x: np.ndarray = (np.asarray(theta) - self.low) / self.width
         return x
 
-    def slack(self, x: np.ndarray) -> np.ndarray:
+    def slack(self, x: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... constraint"]:
         """Distance to every constraint, b − A x.
 
         Parameters
@@ -112,7 +113,7 @@ class Region:
         slack: np.ndarray = self.limit - x @ self.matrix.T
         return slack
 
-    def longest_step(self, x: np.ndarray, direction: np.ndarray) -> float:
+    def longest_step(self, x: Float[np.ndarray, " parameter"], direction: Float[np.ndarray, " parameter"]) -> float:
         """Longest step along a direction that stays inside the region.
 
         Parameters
@@ -131,7 +132,7 @@ class Region:
             return float("inf")
         return float(max((self.slack(x)[leaving] / rate[leaving]).min(), 0.0))
 
-    def interior_starts(self, count: int, seed: int) -> np.ndarray:
+    def interior_starts(self, count: int, seed: int) -> Float[np.ndarray, "count parameter"]:
         """Latin hypercube points well inside the region.
 
         Parameters
@@ -233,7 +234,7 @@ def _linear(text: str, names: tuple[str, ...]) -> tuple[np.ndarray, float]:
     return (coefficient, constant) if sign == "<=" else (-coefficient, -constant)
 
 
-def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> np.ndarray:
+def starting_points(where: Region, starts: int | np.ndarray, seed: int) -> Float[np.ndarray, "start parameter"]:
     """Scaled starting points: drawn, or given and checked.
 
     Parameters

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
-from structid.probability.numpyro_laws import distributions
+from structid.core.arrays import Array
 
 
 class Scatter(NamedTuple):
@@ -53,8 +54,8 @@ class Bijection:
 
     def __init__(
         self,
-        bounds: np.ndarray,
-        scales: np.ndarray | None = None,
+        bounds: Float[np.ndarray, "parameter 2"],
+        scales: Sequence[float] | np.ndarray | None = None,
         scatters: Sequence[Scatter] = (),
         logarithmic: Sequence[int] = (),
     ) -> None:
@@ -84,20 +85,7 @@ class Bijection:
         has_low, has_high = np.isfinite(self._walls).T
         return has_low & has_high, has_low & ~has_high, has_high & ~has_low
 
-    @cached_property
-    def _transforms(self) -> list[Any]:
-        biject_to, constraints = distributions().biject_to, distributions().constraints
-
-        def constraint(low: float, high: float) -> Any:
-            if np.isfinite(low) and np.isfinite(high):
-                return constraints.interval(low, high)
-            if np.isfinite(low):
-                return constraints.greater_than(low)
-            return constraints.less_than(high) if np.isfinite(high) else constraints.real
-
-        return [biject_to(constraint(*bound)) for bound in self._walls]
-
-    def forward(self, phi: Any) -> tuple[Any, Any]:
+    def forward(self, phi: Float[Array, "... parameter"]) -> tuple[Any, Any]:
         """Map ℝᵈ to the box, inside JAX.
 
         Parameters
@@ -113,10 +101,10 @@ class Bijection:
         from structid.engine.device import jnp
 
         points, jacobian = [], jnp.zeros(phi.shape[:-1])
-        for i, (transform, scale) in enumerate(zip(self._transforms, self.scales, strict=True)):
-            x = phi[..., i] * scale
-            points.append(transform(x))
-            jacobian = jacobian + transform.log_abs_det_jacobian(x, points[-1]) + np.log(scale)
+        for i, ((low, high), scale) in enumerate(zip(self._walls, self.scales, strict=True)):
+            point, log_slope = _coordinate(phi[..., i] * scale, low, high)
+            points.append(point)
+            jacobian = jacobian + log_slope + np.log(scale)
         for mean, sd, members, centre, scale in self.scatters:
             # b_k = (x_k − μ)/d
             for place in members:
@@ -124,7 +112,7 @@ class Bijection:
             jacobian = jacobian + len(members) * (np.log(scale) - jnp.log(points[sd]))
         return jnp.stack(points, axis=-1), jacobian
 
-    def __call__(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Map ℝᵈ to the box, on the host; `forward` without JAX, which would take ten times as long for some points.
 
         Parameters
@@ -144,7 +132,7 @@ class Bijection:
         low, high = self._walls.T
         theta, log_slope = x.copy(), np.zeros_like(x)
         with np.errstate(over="ignore", invalid="ignore"):
-            # Short of the bounds, as in NumPyro, so that no point has a density of none by rounding alone.
+            # Short of the bounds, so that no point has a density of none by rounding alone.
             share = np.clip(scipy.special.expit(x[:, between]), np.finfo(float).tiny, 1.0 - np.finfo(float).eps)
             width = high[between] - low[between]
             theta[:, between] = low[between] + width * share
@@ -160,7 +148,7 @@ class Bijection:
                 jacobian += len(members) * (np.log(scale) - np.log(theta[:, sd]))
         return theta, jacobian
 
-    def inverse(self, theta: np.ndarray) -> np.ndarray:
+    def inverse(self, theta: Float[np.ndarray, "... parameter"]) -> Float[np.ndarray, "... parameter"]:
         """Map the inside of the box to ℝᵈ, on the host.
 
         Parameters
@@ -185,3 +173,21 @@ class Bijection:
             some = list(members)
             x[..., some] = (theta[..., [mean]] + theta[..., [sd]] * theta[..., some] - centre) / scale
         return x / self.scales
+
+
+def _coordinate(x: Array, low: float, high: float) -> tuple[Array, Array]:
+    """Map ℝ to the range of one coordinate, inside JAX; with the logarithm of the slope."""
+    import jax
+
+    from structid.engine.device import jnp
+
+    if np.isfinite(low) and np.isfinite(high):
+        # Short of the bounds, so that no point has a density of none by rounding alone.
+        share = jnp.clip(jax.scipy.special.expit(x), np.finfo(float).tiny, 1.0 - np.finfo(float).eps)
+        width = high - low
+        return low + width * share, -jax.nn.softplus(x) - jax.nn.softplus(-x) + jnp.log(width)
+    if np.isfinite(low):
+        return low + jnp.exp(x), x
+    if np.isfinite(high):
+        return high - jnp.exp(x), x
+    return x, jnp.zeros_like(x)

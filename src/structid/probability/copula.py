@@ -7,13 +7,15 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError, suggestion
 
 
 def correlation_matrix(
     given: Mapping[tuple[str, str], float] | np.ndarray | None, names: Sequence[str]
-) -> np.ndarray | None:
+) -> Float[np.ndarray, "parameter parameter"] | None:
     """Build and check the correlation matrix of a Gaussian copula.
 
     Parameters
@@ -66,7 +68,9 @@ def _of_pairs(given: Mapping[tuple[str, str], float], names: Sequence[str]) -> n
     return matrix
 
 
-def correlated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
+def correlated(
+    u: Float[np.ndarray, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"]
+) -> Float[np.ndarray, "... parameter"]:
     """Correlate independent uniform numbers, Φ(L Φ⁻¹(u)) with R = L Lᵀ.
 
     Parameters
@@ -86,7 +90,9 @@ def correlated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
     return result
 
 
-def decorrelated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
+def decorrelated(
+    u: Float[np.ndarray, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"]
+) -> Float[np.ndarray, "... parameter"]:
     """Make correlated uniform numbers independent, Φ(L⁻¹ Φ⁻¹(u)); the inverse of `correlated`.
 
     Parameters
@@ -106,7 +112,9 @@ def decorrelated(u: np.ndarray, correlation: np.ndarray) -> np.ndarray:
     return result
 
 
-def copula_log_density(z: Any, correlation: np.ndarray, numpy: Any) -> Any:
+def copula_log_density(
+    z: Float[Array, "... parameter"], correlation: Float[np.ndarray, "parameter parameter"], numpy: Any
+) -> Float[Array, " ..."]:
     """Log density of the Gaussian copula, log c = −½ log|R| − ½ zᵀ(R⁻¹ − I) z.
 
     Parameters

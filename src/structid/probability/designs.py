@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError, check_choice
 from structid.core.streams import Purpose, stream
@@ -142,7 +143,7 @@ class Design:
         return xarray.Dataset({n: ("run", self.values[:, i]) for i, n in enumerate(self.names)})
 
 
-def unit_design(count: int, dimension: int, seed: int, method: str) -> np.ndarray:
+def unit_design(count: int, dimension: int, seed: int, method: str) -> Float[np.ndarray, "count dimension"]:
     """Design of experiments in the unit cube.
 
     Parameters
@@ -181,7 +182,7 @@ def _generator(rng: np.random.Generator) -> dict[str, Any]:
     return {"rng" if "rng" in inspect.signature(scipy.stats.qmc.LatinHypercube.__init__).parameters else "seed": rng}
 
 
-def smallest_distance(points: np.ndarray) -> float:
+def smallest_distance(points: Float[np.ndarray, "point coordinate"]) -> float:
     """Smallest distance between two points of a design.
 
     Parameters

@@ -58,7 +58,7 @@ def Uniform(low: float, high: float, unit: str = "") -> Marginal:
             out_of_order(low, high) if np.isfinite([low, high]).all() else "",
         )
     base = scipy.stats.uniform(low, high - low)
-    return Marginal("Uniform", base, "Uniform", {"low": float(low), "high": float(high)}, float(low), float(high), unit)
+    return Marginal("Uniform", base, {"low": float(low), "high": float(high)}, float(low), float(high), unit)
 
 
 @check_arguments
@@ -81,7 +81,7 @@ def Normal(mean: float, sd: float, low: float | None = None, high: float | None 
     """
     _positive("Normal", sd=sd)
     parameters = {"loc": float(mean), "scale": float(sd)}
-    return Marginal("Normal", scipy.stats.norm(mean, sd), "Normal", parameters, *_bounds(low, high), unit)
+    return Marginal("Normal", scipy.stats.norm(mean, sd), parameters, *_bounds(low, high), unit)
 
 
 @check_arguments
@@ -123,7 +123,7 @@ def LogNormal(
     assert log_mean is not None and log_sd is not None
     _positive("LogNormal", log_sd=log_sd)
     base = scipy.stats.lognorm(log_sd, scale=np.exp(log_mean))
-    return Marginal("LogNormal", base, "LogNormal", {"loc": log_mean, "scale": log_sd}, *_bounds(low, high), unit)
+    return Marginal("LogNormal", base, {"loc": log_mean, "scale": log_sd}, *_bounds(low, high), unit)
 
 
 @check_arguments
@@ -163,7 +163,7 @@ def Gamma(
     assert shape is not None and rate is not None
     _positive("Gamma", shape=shape, rate=rate)
     parameters = {"concentration": float(shape), "rate": float(rate)}
-    return Marginal("Gamma", scipy.stats.gamma(shape, scale=1 / rate), "Gamma", parameters, *_bounds(low, high), unit)
+    return Marginal("Gamma", scipy.stats.gamma(shape, scale=1 / rate), parameters, *_bounds(low, high), unit)
 
 
 @check_arguments
@@ -205,7 +205,7 @@ def Beta(
     assert a is not None and b is not None
     _positive("Beta", a=a, b=b)
     parameters = {"concentration1": float(a), "concentration0": float(b)}
-    return Marginal("Beta", scipy.stats.beta(a, b), "Beta", parameters, *_bounds(low, high), unit)
+    return Marginal("Beta", scipy.stats.beta(a, b), parameters, *_bounds(low, high), unit)
 
 
 @check_arguments
@@ -245,9 +245,7 @@ def Weibull(
     assert shape is not None and scale is not None
     _positive("Weibull", shape=shape, scale=scale)
     parameters = {"scale": float(scale), "concentration": float(shape)}
-    return Marginal(
-        "Weibull", scipy.stats.weibull_min(shape, scale=scale), "Weibull", parameters, *_bounds(low, high), unit
-    )
+    return Marginal("Weibull", scipy.stats.weibull_min(shape, scale=scale), parameters, *_bounds(low, high), unit)
 
 
 def _weibull_of_moments(mean: float, sd: float) -> tuple[float, float]:
@@ -301,7 +299,7 @@ def Gumbel(
     assert location is not None and scale is not None
     _positive("Gumbel", scale=scale)
     parameters = {"loc": float(location), "scale": float(scale)}
-    return Marginal("Gumbel", scipy.stats.gumbel_r(location, scale), "Gumbel", parameters, *_bounds(low, high), unit)
+    return Marginal("Gumbel", scipy.stats.gumbel_r(location, scale), parameters, *_bounds(low, high), unit)
 
 
 @check_arguments
@@ -334,4 +332,4 @@ def Frozen(distribution: Any, low: float | None = None, high: float | None = Non
     if not all(hasattr(distribution, name) for name in ("logpdf", "cdf", "ppf", "sf", "isf", "support")):
         raise InputError("Frozen(distribution)", f"{distribution!r}", "a frozen continuous distribution of scipy.stats")
     name = getattr(getattr(distribution, "dist", None), "name", "Frozen")
-    return Marginal(name, distribution, "", {}, *_bounds(low, high), unit)
+    return Marginal(name, distribution, {}, *_bounds(low, high), unit)

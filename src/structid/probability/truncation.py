@@ -1,7 +1,7 @@
 """The general marginal distribution: any law of SciPy with a unit and an optional truncation, on the host and inside JAX.
 
-SciPy gives the cdf and the quantiles on the host; NumPyro gives the log density and the cdf inside JAX. NumPyro has no
-truncation for half of the laws, so it is done here. With F the untruncated cdf,
+SciPy gives the cdf and the quantiles on the host; `jax_distributions` gives the log density and the cdf inside JAX. With F the
+untruncated cdf,
 
     log f_[a,b](x) = log f(x) − log(F(b) − F(a)),    F_[a,b](x) = (F(x) − F(a)) / (F(b) − F(a)).
 """
@@ -18,7 +18,7 @@ import scipy
 
 from structid.core.errors import InputError
 from structid.core.units import factor
-from structid.probability.numpyro_laws import distributions
+from structid.probability.jax_distributions import JAX_DISTRIBUTIONS
 from structid.probability.quadrature import probability_nodes
 
 SMALLEST_MASS = 1e-6
@@ -55,10 +55,8 @@ class Marginal:
         Name of the family.
     base : scipy.stats frozen distribution
         The untruncated distribution, in `unit`.
-    numpyro_name : str
-        Name of the same distribution in NumPyro; empty if there is none.
-    numpyro_parameters : dict
-        Parameters of the NumPyro distribution.
+    parameters : dict
+        Native parameters, for `JAX_DISTRIBUTIONS`; empty where the family is not one of these.
     low, high : float
         Truncation, in `unit`; infinite for none.
     unit : str
@@ -67,8 +65,7 @@ class Marginal:
 
     family: str
     base: Any
-    numpyro_name: str
-    numpyro_parameters: dict[str, float]
+    parameters: dict[str, float]
     low: float
     high: float
     unit: str
@@ -185,18 +182,6 @@ class Marginal:
 
     # --- inside JAX ---------------------------------------------------------------------------------------------
 
-    @functools.cached_property
-    def _numpyro(self) -> Any:
-        import jax
-
-        # It may be made while JAX traces something: what NumPyro computes of the parameters must not become a part of that.
-        with jax.ensure_compile_time_eval():
-            return getattr(distributions(), self.numpyro_name)(**self.numpyro_parameters)
-
-    def __getstate__(self) -> dict[str, Any]:
-        # What NumPyro makes of the parameters is made again elsewhere.
-        return {name: value for name, value in self.__dict__.items() if name != "_numpyro"}
-
     def jax_log_density(self, x: Any) -> Any:
         """Log density inside JAX, with gradients.
 
@@ -217,8 +202,8 @@ class Marginal:
         # Outside the support a safe value is used instead, so that the gradient has no NaN.
         y = jnp.where(inside, x, self._safe_value) / self._factor
         log_density = (
-            self._numpyro.log_prob(y)
-            if self.numpyro_name
+            JAX_DISTRIBUTIONS[self.family].log_density(y, self.parameters)
+            if self.parameters
             else _host_function(self.base.logpdf, _slope(self.base.logpdf))(y)
         )
         return jnp.where(inside, log_density - np.log(self._mass * self._factor), -jnp.inf)
@@ -239,7 +224,10 @@ class Marginal:
         from structid.engine.device import jnp
 
         y = jnp.clip(x, *self.support) / self._factor
-        cdf = self._numpyro.cdf(y) if self.numpyro_name else _host_function(self.base.cdf, self.base.pdf)(y)
+        if self.parameters:
+            cdf = JAX_DISTRIBUTIONS[self.family].cdf(y, self.parameters)
+        else:
+            cdf = _host_function(self.base.cdf, self.base.pdf)(y)
         return jnp.clip((cdf - self.base.cdf(self.low)) / self._mass, 0.0, 1.0)
 
     @functools.cached_property
@@ -254,7 +242,7 @@ class Marginal:
         dict
             Family, native parameters of the untruncated distribution, bounds and unit.
         """
-        parameters: dict[str, Any] = dict(self.numpyro_parameters)
+        parameters: dict[str, Any] = dict(self.parameters)
         if not parameters:
             parameters = {"args": repr(self.base.args), "kwds": repr(self.base.kwds)}
         return {"family": self.family, **parameters, "low": self.low, "high": self.high, "unit": self.unit}
@@ -270,7 +258,7 @@ class Marginal:
         return {
             "family": self.family,
             "scipy": [self.base.dist.name, [float(a) for a in self.base.args], {k: float(v) for k, v in self.base.kwds.items()}],
-            "numpyro": [self.numpyro_name, self.numpyro_parameters],
+            "numpyro": [self.family if self.parameters else "", self.parameters],  # called so by the first layout of stores
             "low": self.low,
             "high": self.high,
             "unit": self.unit,
@@ -292,13 +280,12 @@ class Marginal:
         """
         name, arguments, keywords = plain["scipy"]
         base = getattr(scipy.stats, name)(*arguments, **keywords)
-        numpyro_name, parameters = plain["numpyro"]
-        return cls(plain["family"], base, numpyro_name, parameters, plain["low"], plain["high"], plain["unit"])
+        return cls(plain["family"], base, plain["numpyro"][1], plain["low"], plain["high"], plain["unit"])
 
     def __str__(self) -> str:
-        # In the words of the user, before a truncation; NumPyro has a location and a scale of the logarithm, or a rate.
+        # In the words of the user, before a truncation; native parameters may be a location and a scale of the logarithm.
         moments = {"mean": self.base.mean(), "sd": self.base.std()}
-        own = self.numpyro_parameters if self.family == "Uniform" else moments
+        own = self.parameters if self.family == "Uniform" else moments
         inside = ", ".join(f"{k} {v:.6g}" for k, v in own.items())
         cut = ""
         if self.family != "Uniform" and np.isfinite([self.low, self.high]).any():

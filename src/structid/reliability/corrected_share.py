@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 
-def corrected_share(found: np.ndarray, checked: np.ndarray, true: np.ndarray) -> tuple[float, float]:
+def corrected_share(
+    found: Float[np.ndarray, " draw"], checked: Float[np.ndarray, " check"], true: Float[np.ndarray, " check"]
+) -> tuple[float, float]:
     """Correct a share by a difference that true runs tell.
 
     ::

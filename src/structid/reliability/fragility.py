@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError, Status
 from structid.core.hashing import digest
@@ -62,11 +63,11 @@ class Fragility(ShownAsText):
 
     channel: str
     limit: float
-    levels: np.ndarray
+    levels: Float[np.ndarray, " level"]
     records: tuple[str, ...]
-    passed: np.ndarray = field(repr=False)
-    of_each: np.ndarray = field(repr=False)
-    error_of_each: np.ndarray = field(repr=False)
+    passed: Float[np.ndarray, "draw record level"] = field(repr=False)
+    of_each: Float[np.ndarray, "record level"] = field(repr=False)
+    error_of_each: Float[np.ndarray, "record level"] = field(repr=False)
     true_runs: int
     seed: int = 0
 
@@ -131,7 +132,7 @@ class Fragility(ShownAsText):
         each = np.array(found)
         return np.asarray(each[np.isfinite(each).all(axis=1)])
 
-    def curve_band(self, at: np.ndarray, probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
+    def curve_band(self, at: Float[np.ndarray, " point"], probability: float = 0.9) -> tuple[np.ndarray, np.ndarray]:
         """Where the fitted curve would be with other records and draws: the central interval over resamples.
 
         Parameters

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool
 
 from structid.campaign.runs import Runs
 from structid.core.errors import InputError, check_choice
@@ -49,7 +50,7 @@ class ParameterStudy(ShownAsText):
     runs: Runs = field(repr=False)
     passages: tuple[Passages, ...]
     above: Mapping[str, float]
-    inside: np.ndarray = field(repr=False)
+    inside: Bool[np.ndarray, " run"] = field(repr=False)
     probabilities: tuple[PassageProbability | None, ...] = field(repr=False)
     sensitivities: Mapping[str, Sensitivity] = field(repr=False)
 

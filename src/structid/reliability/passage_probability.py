@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
@@ -53,7 +54,7 @@ class PassageProbability(ShownAsText):
     accuracy: float
     base_accuracy: float
 
-    def probability(self, theta: np.ndarray) -> np.ndarray:
+    def probability(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Probability of a passage.
 
         Parameters
@@ -68,7 +69,7 @@ class PassageProbability(ShownAsText):
         """
         return self.at_coordinates(coordinates_of(self.space, theta))
 
-    def at_coordinates(self, points: np.ndarray) -> np.ndarray:
+    def at_coordinates(self, points: Float[np.ndarray, "run coordinate"]) -> Float[np.ndarray, " run"]:
         """Probability of a passage at coordinates of the space, which may be those of no point.
 
         Parameters
@@ -106,7 +107,9 @@ def coordinate_names(space: ParameterSpace) -> tuple[str, ...]:
     return space.coordinates or space.names
 
 
-def coordinates_of(space: ParameterSpace, theta: np.ndarray) -> np.ndarray:
+def coordinates_of(
+    space: ParameterSpace, theta: Float[np.ndarray, "run parameter"]
+) -> Float[np.ndarray, "run coordinate"]:
     """Coordinates of points, or the points where a space has no coordinates.
 
     Parameters

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.notebook import ShownAsText
@@ -53,12 +54,12 @@ class Sensitivity(ShownAsText):
     """
 
     names: tuple[str, ...]
-    first: np.ndarray
-    total: np.ndarray
-    first_error: np.ndarray
-    total_error: np.ndarray
+    first: Float[np.ndarray, " parameter"]
+    total: Float[np.ndarray, " parameter"]
+    first_error: Float[np.ndarray, " parameter"]
+    total_error: Float[np.ndarray, " parameter"]
     coordinates: tuple[str, ...]
-    alone: np.ndarray
+    alone: Float[np.ndarray, " coordinate"]
     left_out: float
     regression: Regression = field(repr=False)
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.campaign.runs import Runs
 from structid.ground_motion.record import GroundMotion
@@ -16,7 +17,11 @@ from structid.surrogates.fit import FEWEST_RUNS
 
 
 def fitted_stand_in(
-    posterior: Posterior, draws: np.ndarray, record: GroundMotion, channel: str, settings: SurrogateSettings
+    posterior: Posterior,
+    draws: Float[np.ndarray, "draw parameter"],
+    record: GroundMotion,
+    channel: str,
+    settings: SurrogateSettings,
 ) -> Surrogate | None:
     """Fit a surrogate to true runs at draws.
 

@@ -6,6 +6,7 @@ import importlib
 import platform
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.channels import standard_unit
 from structid.core.units import factor
@@ -42,7 +43,9 @@ def number(value: float, error: float | None = None) -> str:
     return f"{value:.{digits}f}" if 1e-4 <= magnitude < 1e6 else f"{value:.4g}"
 
 
-def moments(values: np.ndarray, weights: np.ndarray | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def moments(
+    values: Float[np.ndarray, "draw ..."], weights: Float[np.ndarray, " draw"] | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Mean, standard deviation, 5 and 95 % quantiles of draws.
 
     Parameters
@@ -116,7 +119,7 @@ def versions_table(timings: dict[str, float]) -> Rows:
         *([f"time: {stage}", f"{seconds:.1f} s"] for stage, seconds in timings.items()),
         [
             "versions",
-            ", ".join(f"{n} {importlib.metadata.version(n)}" for n in ("structid", "jax", "numpyro", "numpy", "scipy")),
+            ", ".join(f"{n} {importlib.metadata.version(n)}" for n in ("structid", "jax", "numpy", "scipy")),
         ],
         ["machine", f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"],
     ]

@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any, ClassVar, Protocol, Self
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from structid.campaign.runs import Runs
+from structid.core.arrays import Array
 from structid.core.errors import InputError, StructidWarning
 from structid.core.hashing import digest
 from structid.core.progress import Progress
@@ -123,7 +125,12 @@ class Surrogate(TraceableModel, StandIn):
         """
 
     @abstractmethod
-    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+    def standard_deviation(
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        excitation: Excitation,
+        values: Float[np.ndarray, "run time channel"],
+    ) -> Float[np.ndarray, "run time channel"]:
         """Standard deviation of the surrogate's own error.
 
         Parameters
@@ -198,7 +205,7 @@ class Surrogate(TraceableModel, StandIn):
         """Mean relative error: as validated, or as estimated while fitting."""
         return self.fitted.error if self.validation is None else self.validation.mean
 
-    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+    def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
         """Check the excitation, and say which points lie outside the range of the design.
 
         Parameters
@@ -232,7 +239,7 @@ class Surrogate(TraceableModel, StandIn):
             stacklevel=3,
         )
 
-    def outside(self, theta: np.ndarray) -> np.ndarray:
+    def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
         """Say which points lie outside the range of the design.
 
         Parameters
@@ -250,7 +257,7 @@ class Surrogate(TraceableModel, StandIn):
     def _beyond(self, theta: Any) -> Any:
         return ((theta < self.fitted.low) | (theta > self.fitted.high)).any(axis=1)
 
-    def held_inside(self, theta: Any) -> Any:
+    def held_inside(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
         """Move points further outside the range of the design than it reaches to where it ends: polynomials run away.
 
         Parameters
@@ -271,7 +278,7 @@ class Surrogate(TraceableModel, StandIn):
             return "as at the edge"
         return f"by extrapolation, up to {self.fitted.reach:g} times that range, and as there further out"
 
-    def admitted(self, theta: Any) -> Any:
+    def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
         """Say which points a posterior may use: all, unless those outside are to be refused.
 
         Parameters
@@ -317,7 +324,9 @@ class Surrogate(TraceableModel, StandIn):
         theta = self.parameters(design)
         return histories, self.standard_deviation(theta, excitation, histories.values)
 
-    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+    def sampled(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
+    ) -> Float[np.ndarray, "run time channel"]:
         """Draw responses from what the surrogate knows of its own error.
 
         Parameters

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 
-def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf) -> tuple[np.ndarray, float]:
+def raised_cholesky(
+    matrix: Float[np.ndarray, "n n"], diagonal: float, largest: float = np.inf
+) -> tuple[np.ndarray, float]:
     """Factorise matrix + diagonal · I, and raise the diagonal until the sum is positive definite.
 
     Parameters
@@ -38,7 +41,7 @@ def raised_cholesky(matrix: np.ndarray, diagonal: float, largest: float = np.inf
     raise np.linalg.LinAlgError("not positive definite")
 
 
-def inverse_of(cholesky: np.ndarray) -> np.ndarray:
+def inverse_of(cholesky: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """Compute (L Lᵀ)⁻¹ from a Cholesky factor L.
 
     Parameters

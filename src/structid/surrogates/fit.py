@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.campaign.runs import Runs
 from structid.core.errors import InputError
@@ -65,8 +66,8 @@ class Fit:
     channels: tuple[str, ...]
     excitation: str
     dt: float
-    low: np.ndarray
-    high: np.ndarray
+    low: Float[np.ndarray, " parameter"]
+    high: Float[np.ndarray, " parameter"]
     runs: int
     left_out: int
     error: float
@@ -156,7 +157,7 @@ def fitting_runs(where: str, runs: Any, fewest: int = FEWEST_RUNS) -> tuple[Runs
     return done, left_out
 
 
-def checked_weights(where: str, weights: np.ndarray, runs: Runs) -> np.ndarray:
+def checked_weights(where: str, weights: Float[np.ndarray, " run"], runs: Runs) -> Float[np.ndarray, " finished_run"]:
     """Check how much runs count, and leave out those that failed.
 
     Parameters

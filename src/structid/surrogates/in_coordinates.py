@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.probability.designs import Design
 from structid.probability.marginals import Uniform
@@ -43,7 +45,7 @@ class InCoordinates:
         """Of the inner regression, shape (run, output)."""
         return np.asarray(self.inner.leave_one_out_residuals)
 
-    def predict(self, theta: Any) -> Any:
+    def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
         """Predict the outputs; see `Regression.predict`.
 
         Parameters
@@ -58,7 +60,7 @@ class InCoordinates:
         """
         return self.inner.predict(self.space.in_coordinates(theta))
 
-    def deviation(self, theta: Any) -> Any | None:
+    def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"] | None:
         """Predict the standard deviations; see `Regression.deviation`.
 
         Parameters
@@ -73,7 +75,7 @@ class InCoordinates:
         """
         return self.inner.deviation(self.space.in_coordinates(theta))
 
-    def predict_with_deviation(self, theta: Any) -> tuple[Any, Any | None]:
+    def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
         """Predict both; see `Regression.predict_with_deviation`.
 
         Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 MOST_STEPS, MOST_REDUCTIONS = 40, 4
 """Largest number of steps, and of reductions of the length of one step."""
@@ -19,8 +20,8 @@ SMALLEST_GAIN = 0.02
 def quasi_newton(
     objective: Callable[[np.ndarray], tuple[float, np.ndarray]],
     bounds: Sequence[tuple[float, float]],
-    start: np.ndarray,
-    covariance: np.ndarray,
+    start: Float[np.ndarray, " coordinate"],
+    covariance: Float[np.ndarray, "coordinate coordinate"],
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Minimise by BFGS within bounds (Nocedal & Wright 2006, eq. 6.17), until a step would gain almost nothing.
 

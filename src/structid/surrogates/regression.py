@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.probability.designs import Design
 
@@ -29,7 +31,7 @@ class Regression(Protocol):
     def leave_one_out_error(self) -> np.ndarray:
         """Mean squared leave-one-out residual relative to the variance of the output, shape (output,)."""
 
-    def predict(self, theta: Any) -> Any:
+    def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
         """Predict the outputs.
 
         Parameters
@@ -43,7 +45,7 @@ class Regression(Protocol):
             Means, of the same kind as `theta`.
         """
 
-    def deviation(self, theta: Any) -> Any | None:
+    def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"] | None:
         """Predict the standard deviation of the regression's own error at each point.
 
         Parameters
@@ -58,7 +60,7 @@ class Regression(Protocol):
             point. `leave_one_out_error` then is all that is known of its error.
         """
 
-    def predict_with_deviation(self, theta: Any) -> tuple[Any, Any | None]:
+    def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any | None]:
         """Predict the outputs and the standard deviations of the regression's own error together.
 
         Parameters

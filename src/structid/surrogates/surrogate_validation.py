@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import scipy
+from jaxtyping import Bool, Float
 
 from structid.campaign.runs import Runs
 from structid.core.channels import base_channel, standard_unit
@@ -63,9 +64,9 @@ class Validation:
     """
 
     channels: tuple[str, ...]
-    errors: np.ndarray
-    peaks: np.ndarray
-    predicted_peaks: np.ndarray
+    errors: Float[np.ndarray, "run channel"]
+    peaks: Float[np.ndarray, "run channel"]
+    predicted_peaks: Float[np.ndarray, "run channel"]
     coverage: float
     outside: int
     left_out: int
@@ -204,7 +205,9 @@ def _measures(errors: np.ndarray) -> dict[str, float]:
     }
 
 
-def relative_errors(true: np.ndarray, predicted: np.ndarray) -> np.ndarray:
+def relative_errors(
+    true: Float[np.ndarray, "run time channel"], predicted: Float[np.ndarray, "run time channel"]
+) -> Float[np.ndarray, "run channel"]:
     """ε = Σ(y − ŷ)²/Σ(y − ȳ)² over time; infinite where a prediction is not finite.
 
     Parameters
@@ -230,7 +233,7 @@ class Validated(Protocol):
     def channels(self) -> tuple[str, ...]:
         """What it responds with."""
 
-    def parameters(self, design: Design) -> np.ndarray:
+    def parameters(self, design: Design) -> Float[np.ndarray, "run parameter"]:
         """Bring the columns of a design into the order of its parameters.
 
         Parameters
@@ -253,7 +256,7 @@ class Validated(Protocol):
             What is to drive it.
         """
 
-    def run(self, theta: np.ndarray, excitation: Excitation) -> Histories:
+    def run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> Histories:
         """Respond, without a warning about points outside its range.
 
         Parameters
@@ -269,7 +272,7 @@ class Validated(Protocol):
             One row a run.
         """
 
-    def outside(self, theta: np.ndarray) -> np.ndarray:
+    def outside(self, theta: Float[np.ndarray, "run parameter"]) -> Bool[np.ndarray, " run"]:
         """Say which points lie outside its range.
 
         Parameters
@@ -283,7 +286,12 @@ class Validated(Protocol):
             True outside.
         """
 
-    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+    def standard_deviation(
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        excitation: Excitation,
+        values: Float[np.ndarray, "run time channel"],
+    ) -> Float[np.ndarray, "run time channel"]:
         """Standard deviation of its own error.
 
         Parameters

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from jaxtyping import Bool, Float, Int
 
 from structid.certification.external.fitted_density import FittedDensity
 from structid.core.errors import InputError
@@ -42,10 +43,10 @@ class Chosen:
         Likewise, of the mixture g that the points come from.
     """
 
-    theta: np.ndarray
-    log_drawn: np.ndarray
-    log_wide: np.ndarray
-    log_mixture: np.ndarray
+    theta: Float[np.ndarray, "point parameter"]
+    log_drawn: Float[np.ndarray, " point"]
+    log_wide: Float[np.ndarray, " point"]
+    log_mixture: Float[np.ndarray, " point"]
 
     @property
     def shares(self) -> np.ndarray:
@@ -88,7 +89,7 @@ class DrawnLaw(ABC):
     enough = 30
     """True runs that mostly decide."""
 
-    def __init__(self, posterior: Target, draws: np.ndarray) -> None:
+    def __init__(self, posterior: Target, draws: Float[np.ndarray, "chain draw parameter"]) -> None:
         self.posterior, self.bijection, self.draws = posterior, posterior.bijection, draws
         self.flat = draws.reshape(-1, posterior.dimension)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -113,7 +114,7 @@ class DrawnLaw(ABC):
         """Largest log density of q at a draw."""
         return float(self.at_draws.max())
 
-    def distinct(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def distinct(self, count: int, rng: np.random.Generator) -> Int[np.ndarray, " count"]:
         """Choose some draws by chance, none twice.
 
         Parameters
@@ -130,7 +131,7 @@ class DrawnLaw(ABC):
         """
         return rng.permutation(np.unique(self.flat, axis=0, return_index=True)[1])[:count]
 
-    def in_order(self, flat: np.ndarray) -> np.ndarray:
+    def in_order(self, flat: Float[np.ndarray, "_ parameter"]) -> Float[np.ndarray, "chain draw parameter"]:
         """Put what is known of every draw in the order in which they were drawn.
 
         Parameters
@@ -184,7 +185,7 @@ class DrawnLaw(ABC):
         )
 
     @abstractmethod
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density of q.
 
         Parameters
@@ -232,7 +233,7 @@ class DrawnLaw(ABC):
             From much further around than points for true runs, also beyond q's support.
         """
 
-    def covers(self, theta: np.ndarray) -> np.ndarray:
+    def covers(self, theta: Float[np.ndarray, "point parameter"]) -> Bool[np.ndarray, " point"]:
         """Say where points for true runs come.
 
         Parameters
@@ -248,7 +249,7 @@ class DrawnLaw(ABC):
         z, _ = self.fitted.in_normal_coordinates(self.bijection.inverse(theta))
         return np.asarray(np.sum((z / self.width) ** 2, axis=1) <= scipy.stats.chi2.ppf(COVERED, z.shape[1]))
 
-    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
         """Say what speaks against q before the model is run.
 
         Parameters
@@ -266,7 +267,7 @@ class DrawnLaw(ABC):
         return ()
 
 
-def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator) -> FittedDensity:
+def refuse_another(law: DrawnLaw, at_draws: Float[np.ndarray, " draw"], rng: np.random.Generator) -> FittedDensity:
     """Refuse a log density that does not rise and fall with the density of the draws.
 
     Parameters
@@ -309,7 +310,9 @@ def refuse_another(law: DrawnLaw, at_draws: np.ndarray, rng: np.random.Generator
     return fitted
 
 
-def of_fitted(fitted: FittedDensity, law: DrawnLaw, theta: np.ndarray) -> np.ndarray:
+def of_fitted(
+    fitted: FittedDensity, law: DrawnLaw, theta: Float[np.ndarray, "point parameter"]
+) -> Float[np.ndarray, " point"]:
     """Log density of a fitted law with respect to the parameters.
 
     Parameters

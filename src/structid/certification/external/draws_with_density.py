@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.external.drawn_density import MANY, Chosen, DrawnLaw, refuse_another
 from structid.core.errors import InputError
@@ -52,7 +53,7 @@ class DensityOfDraws(DrawnLaw):
         self.at_draws = self.log_density(self.flat)
         self.fitted = refuse_another(self, self.at_draws, rng)
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density; see `DrawnLaw.log_density`.
 
         Parameters
@@ -100,7 +101,11 @@ class DensityOfDraws(DrawnLaw):
         return self.beside_wider_ones(self.phi[rows], wide_count, self.phi, rng)
 
     def beside_wider_ones(
-        self, plain: np.ndarray, wide_count: int, many: np.ndarray, rng: np.random.Generator
+        self,
+        plain: Float[np.ndarray, "draw parameter"],
+        wide_count: int,
+        many: Float[np.ndarray, "many parameter"],
+        rng: np.random.Generator,
     ) -> Chosen:
         """Put draws of a wider law beside draws of q, and points beyond q's support.
 
@@ -190,7 +195,7 @@ class DensityOfDraws(DrawnLaw):
         density = self.log_density(theta)
         return np.where(density >= self.highest - DEEPEST, density + jacobian, -np.inf)
 
-    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
         """Explore q a second time; see `DrawnLaw.doubts`.
 
         Parameters

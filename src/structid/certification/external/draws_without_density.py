@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.external.drawn_density import Chosen, DrawnLaw, of_fitted, refuse_another
 from structid.certification.external.draws_with_density import WIDE_SHARE, DensityOfDraws
@@ -35,7 +36,9 @@ class ValuesAtDraws(DrawnLaw):
 
     subject = "of a density that is known at the draws alone"
 
-    def __init__(self, posterior: Target, draws: np.ndarray, values: np.ndarray, rng: np.random.Generator) -> None:
+    def __init__(
+        self, posterior: Target, draws: np.ndarray, values: Float[np.ndarray, "*chain draw"], rng: np.random.Generator
+    ) -> None:
         super().__init__(posterior, draws)
         flat = np.asarray(values, dtype=np.float64).ravel()
         if flat.shape != (len(self.flat),) or not np.isfinite(flat).all():
@@ -47,7 +50,7 @@ class ValuesAtDraws(DrawnLaw):
         self.at_draws = flat
         self.fitted = refuse_another(self, flat, rng)
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density of what was fitted to the draws, for want of q; see `DrawnLaw.log_density`.
 
         Parameters
@@ -98,7 +101,7 @@ class ValuesAtDraws(DrawnLaw):
         """
         return self.chosen(count, rng)
 
-    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
         """Ask whether the draws have the slopes of the density; see `DrawnLaw.doubts`.
 
         Parameters
@@ -145,7 +148,7 @@ class FittedToDraws(DensityOfDraws):
         """Draws of the fitted density."""
         return np.asarray(self.bijection(self.many)[0])
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
         """Log density; see `DrawnLaw.log_density`.
 
         Parameters
@@ -178,7 +181,7 @@ class FittedToDraws(DensityOfDraws):
         wide_count = round(WIDE_SHARE * count)
         return self.beside_wider_ones(self.many[: count - wide_count], wide_count, self.many, rng)
 
-    def doubts(self, known: np.ndarray, seed: int) -> tuple[str, ...]:
+    def doubts(self, known: Float[np.ndarray, "point parameter"], seed: int) -> tuple[str, ...]:
         """Compare the fitted density's moments with those of the draws; see `DrawnLaw.doubts`.
 
         Parameters

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.units import factor, factor_of
@@ -30,7 +31,9 @@ ACROSS = 0.1
 correlate less."""
 
 
-def draws_of(draws: Draws, names: tuple[str, ...], units: Mapping[str, str] | None = None) -> np.ndarray:
+def draws_of(
+    draws: Draws, names: tuple[str, ...], units: Mapping[str, str] | None = None
+) -> Float[np.ndarray, "chain draw parameter"]:
     """Take draws of some parameters from whatever holds them.
 
     Columns that have names are taken by name, others by position. Columns of other names, text included, are left out.

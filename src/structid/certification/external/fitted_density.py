@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 MOST_LAYERS = 12
 """After the first the marginals are normal; each further one finds dependence between them that is not linear."""
@@ -37,9 +38,9 @@ class _Layer:
         ξ, log λ, ε, log δ.
     """
 
-    centre: np.ndarray
-    rotation: np.ndarray
-    shape: np.ndarray
+    centre: Float[np.ndarray, " parameter"]
+    rotation: Float[np.ndarray, "parameter parameter"]
+    shape: Float[np.ndarray, "4 parameter"]
 
     def forward(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates after the layer, and the log determinant of its derivative."""
@@ -123,7 +124,7 @@ class FittedDensity:
     layers: tuple[_Layer, ...]
 
     @classmethod
-    def of(cls, draws: np.ndarray, rng: np.random.Generator) -> FittedDensity:
+    def of(cls, draws: Float[np.ndarray, "draw parameter"], rng: np.random.Generator) -> FittedDensity:
         """Fit a density.
 
         Parameters
@@ -146,7 +147,7 @@ class FittedDensity:
         likely = [cls(trial.layers[:count]).log_density(draws[held_out]).mean() for count in range(1, MOST_LAYERS + 1)]
         return cls(_layers(draws, rotations[: int(np.argmax(likely))]))
 
-    def in_normal_coordinates(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def in_normal_coordinates(self, x: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Map points to where the density is standard normal.
 
         Parameters
@@ -165,7 +166,7 @@ class FittedDensity:
             total += slope
         return x, total
 
-    def of_normal_coordinates(self, z: np.ndarray) -> np.ndarray:
+    def of_normal_coordinates(self, z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point parameter"]:
         """Map points back from there.
 
         Parameters
@@ -182,7 +183,7 @@ class FittedDensity:
             z = layer.backward(z)
         return z
 
-    def log_density(self, x: np.ndarray, width: float = 1.0) -> np.ndarray:
+    def log_density(self, x: Float[np.ndarray, "point parameter"], width: float = 1.0) -> Float[np.ndarray, " point"]:
         """Log density, normalised.
 
         Parameters
@@ -201,7 +202,7 @@ class FittedDensity:
         normal = -0.5 * np.sum((z / width) ** 2, axis=1) - z.shape[1] * (np.log(width) + 0.5 * np.log(2.0 * np.pi))
         return np.asarray(slope + normal)
 
-    def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> np.ndarray:
+    def draw(self, count: int, rng: np.random.Generator, width: float = 1.0) -> Float[np.ndarray, "count parameter"]:
         """Draw from it, or from a wider law that goes on where the draws end.
 
         In the normal coordinates a bent ridge is straight. What is drawn beyond its ends therefore still lies on it.

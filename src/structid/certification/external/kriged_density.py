@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.external.fitted_density import FittedDensity
 from structid.probability.bijections import Bijection
@@ -27,7 +28,7 @@ Chart = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 """From φ, (point, parameter), to coordinates in which the log density is smooth, and a first guess of it, (point,)."""
 
 
-def standardised_by(points: np.ndarray) -> Chart:
+def standardised_by(points: Float[np.ndarray, "point parameter"]) -> Chart:
     """Give the chart in which some points have mean zero and unit covariance; its first guess is zero.
 
     Parameters
@@ -48,7 +49,7 @@ def standardised_by(points: np.ndarray) -> Chart:
     return chart
 
 
-def in_parameters(bijection: Bijection, theta: np.ndarray) -> Chart:
+def in_parameters(bijection: Bijection, theta: Float[np.ndarray, "point parameter"]) -> Chart:
     """Give the chart of the parameters themselves: near a bound, φ goes far where hardly anything changes.
 
     Parameters
@@ -113,8 +114,8 @@ class KrigedDensity:
 
     chart: Chart
     correlation: Correlation
-    phi: np.ndarray
-    values: np.ndarray
+    phi: Float[np.ndarray, "run parameter"]
+    values: Float[np.ndarray, " run"]
     kriging: KrigingPredictor
 
     @classmethod
@@ -148,7 +149,11 @@ class KrigedDensity:
 
     @classmethod
     def best(
-        cls, forms: Sequence[tuple[Chart, Correlation]], phi: np.ndarray, values: np.ndarray, counts: np.ndarray
+        cls,
+        forms: Sequence[tuple[Chart, Correlation]],
+        phi: np.ndarray,
+        values: np.ndarray,
+        counts: Float[np.ndarray, " run"],
     ) -> KrigedDensity:
         """Fit that form whose leave-one-out errors vary least.
 
@@ -169,7 +174,7 @@ class KrigedDensity:
         found = [cls.fitted(chart, correlation, phi, values) for chart, correlation in forms]
         return min(found, key=lambda one: one.error(counts))
 
-    def error(self, counts: np.ndarray) -> float:
+    def error(self, counts: Float[np.ndarray, " run"]) -> float:
         """Weighted standard deviation of the leave-one-out errors.
 
         Parameters
@@ -201,7 +206,9 @@ class KrigedDensity:
         kept = np.setdiff1d(np.arange(len(self.phi)), left_out)
         return self.fitted(self.chart, self.correlation, self.phi[kept], self.values[kept], self.kriging)
 
-    def believing(self, phi: np.ndarray, values: np.ndarray) -> KrigedDensity:
+    def believing(
+        self, phi: Float[np.ndarray, "point parameter"], values: Float[np.ndarray, " point"]
+    ) -> KrigedDensity:
         """Add what is predicted at further points, so that it is sure there.
 
         Parameters
@@ -224,7 +231,7 @@ class KrigedDensity:
             self.kriging,
         )
 
-    def at(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def at(self, phi: Float[np.ndarray, "point parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Predict it.
 
         Parameters

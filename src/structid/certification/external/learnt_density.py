@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.correction import Correction
 from structid.certification.density_difference import FOLDS, density_difference
@@ -136,7 +137,7 @@ class LearntLaw:
             beside=Beside.average(beside),
         )
 
-    def worth_teaching(self, count: int) -> np.ndarray:
+    def worth_teaching(self, count: int) -> Float[np.ndarray, "point parameter"]:
         """Choose points where a run of the model teaches most: q′ is high there, and the Kriging unsure.
 
         Parameters

@@ -11,7 +11,9 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp, over_runs
 from structid.engine.lanes.blocks import on_all_cores
 from structid.engine.lanes.kernel import ENTRY, Kernel, kernel
@@ -68,7 +70,9 @@ class InLanes:
         # A process that is sent a model compiles it for itself, or finds what this one compiled on disk.
         return InLanes, (self._function, self._run_axes, self._shard, self._one_array)
 
-    def __call__(self, theta: np.ndarray, *constants: Any, signals: Signals | None = None) -> Any:
+    def __call__(
+        self, theta: Float[np.ndarray, "run parameter"], *constants: Any, signals: Signals | None = None
+    ) -> Any:
         """Call the function.
 
         Parameters
@@ -186,7 +190,7 @@ class _Bound:
     def __call__(self, theta: np.ndarray, signals: Signals | None = None) -> Any:
         return self._run(theta, None if self._foreign_on_host is None else self._foreign_on_host(theta), signals)
 
-    def inside_jax(self, theta: Any) -> Any:
+    def inside_jax(self, theta: Float[Array, "run parameter"]) -> Any:
         """Call the function from inside JAX.
 
         Parameters

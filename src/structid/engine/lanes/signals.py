@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float, Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,8 +20,8 @@ class Signals:
         Which of them each run has; when left out, each run has its own.
     """
 
-    values: np.ndarray
-    set_of_run: np.ndarray | None = None
+    values: Float[np.ndarray, "set time signal"]
+    set_of_run: Int[np.ndarray, " run"] | None = None
     _in_blocks: dict[int, np.ndarray] = field(default_factory=dict, repr=False)
 
     @property
@@ -34,7 +35,7 @@ class Signals:
         """Signals of every run, shape (run, time, signal)."""
         return self.values if self.set_of_run is None else self.values[self.set_of_run]
 
-    def in_blocks(self, width: int) -> np.ndarray:
+    def in_blocks(self, width: int) -> Float[np.ndarray, "block time signal lane"]:
         """Put the runs of a block beside each other, so that it reads its samples one after the other.
 
         Parameters

@@ -15,7 +15,9 @@ import jax
 import numpy as np
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching
+from jaxtyping import Bool, Float, Int
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.engine.matrices.elimination import Elimination, elimination
 from structid.engine.matrices.row_by_row import in_rows
@@ -31,9 +33,9 @@ class SparseMatrix:
         With its zeros.
     """
 
-    dense: np.ndarray = field(repr=False)
+    dense: Float[np.ndarray, "row column"] = field(repr=False)
 
-    def times(self, x: Any) -> Any:
+    def times(self, x: Float[Array, "column run"]) -> Float[Array, "row run"]:
         """Compute A x, inside JAX.
 
         Parameters
@@ -61,12 +63,12 @@ class BlockPattern:
         Number of rows of blocks.
     """
 
-    rows: np.ndarray = field(repr=False)
-    columns: np.ndarray = field(repr=False)
+    rows: Int[np.ndarray, " block"] = field(repr=False)
+    columns: Int[np.ndarray, " block"] = field(repr=False)
     size: int
 
     @classmethod
-    def of(cls, touching: np.ndarray) -> BlockPattern:
+    def of(cls, touching: Bool[np.ndarray, "size size"]) -> BlockPattern:
         """Take the pattern of a matrix of truths.
 
         Parameters
@@ -82,7 +84,7 @@ class BlockPattern:
         rows, columns = np.nonzero(touching | np.eye(len(touching), dtype=bool))
         return cls(rows, columns, len(touching))
 
-    def dense(self, blocks: Any) -> Any:
+    def dense(self, blocks: Float[Array, "block 2 2 run"]) -> Float[Array, "run _ _"]:
         """Write a matrix out, inside JAX.
 
         Parameters
@@ -100,7 +102,7 @@ class BlockPattern:
         placed = zeros.at[self.rows, self.columns].set(blocks)
         return placed.transpose(4, 0, 2, 1, 3).reshape(runs, 2 * self.size, 2 * self.size)
 
-    def times(self, blocks: Any, x: Any) -> Any:
+    def times(self, blocks: Float[Array, "block 2 2 run"], x: Float[Array, "_ run"]) -> Float[Array, "_ run"]:
         """Compute A x, inside JAX.
 
         Parameters
@@ -122,7 +124,12 @@ class BlockPattern:
     def _times_densely(self, blocks: Any, x: Any) -> Any:
         return jnp.einsum("rij,jr->ir", self.dense(blocks), x)
 
-    def solve_one_plus(self, blocks: Any, diagonal: Any, right: Any) -> Any:
+    def solve_one_plus(
+        self,
+        blocks: Float[Array, "block 2 2 run"],
+        diagonal: Float[Array, "size 2 2 run"],
+        right: Float[Array, "_ run"],
+    ) -> Float[Array, "_ run"]:
         """Solve (I + A D) x = b, inside JAX.
 
         Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +34,9 @@ class Elimination:
         Where those of a block below begin.
     """
 
-    order: np.ndarray
-    diagonal: np.ndarray
-    given: np.ndarray
+    order: Int[np.ndarray, " size"]
+    diagonal: Int[np.ndarray, " size"]
+    given: Int[np.ndarray, " block"]
     count: int
     below: np.ndarray
     first_below: np.ndarray
@@ -44,10 +45,10 @@ class Elimination:
     first_beside: np.ndarray
     row_beside: np.ndarray
     target: np.ndarray
-    first_target: np.ndarray
+    first_target: Int[np.ndarray, " below"]
 
 
-def elimination(rows: np.ndarray, columns: np.ndarray, size: int) -> Elimination:
+def elimination(rows: Int[np.ndarray, " block"], columns: Int[np.ndarray, " block"], size: int) -> Elimination:
     """Plan the elimination of a matrix with a symmetric pattern.
 
     Parameters

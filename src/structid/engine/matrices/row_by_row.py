@@ -8,7 +8,9 @@ from contextvars import ContextVar
 from typing import Any
 
 from jax import lax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 
 _row_by_row = ContextVar("row by row", default=False)
@@ -39,7 +41,7 @@ COLUMNS = 6
 """Columns of a matrix that a loop over its rows multiplies at once: their sums stay in registers."""
 
 
-def product(values: Any, matrix: Any) -> Any:
+def product(values: Float[Array, "run row"], matrix: Float[Array, "row column"]) -> Float[Array, "run column"]:
     """Compute X B, inside JAX.
 
     Parameters
@@ -59,7 +61,9 @@ def product(values: Any, matrix: Any) -> Any:
     return _by_rows(values.T, matrix) if _row_by_row.get() else values @ matrix
 
 
-def product_of(columns_of: Callable[[Any], Any], rows: Any, matrix: Any) -> Any:
+def product_of(
+    columns_of: Callable[[Any], Any], rows: Float[Array, "row ..."], matrix: Float[Array, "row column"]
+) -> Float[Array, "run column"]:
     """Compute X B, where a function gives the columns of X that belong to some rows of B, inside JAX.
 
     Parameters

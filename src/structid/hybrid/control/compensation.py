@@ -14,6 +14,7 @@ from math import comb
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
@@ -26,7 +27,7 @@ class Compensator(ABC):
     """Compensation of one test, in progress: it remembers what went before."""
 
     @abstractmethod
-    def commands(self, targets: np.ndarray) -> np.ndarray:
+    def commands(self, targets: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
         """Turn where the specimen should be into what is sent to the actuators.
 
         Parameters
@@ -40,7 +41,9 @@ class Compensator(ABC):
             c [m].
         """
 
-    def observe(self, commands: np.ndarray, measured: np.ndarray) -> None:  # noqa: B027 - most do not look back
+    def observe(  # noqa: B027 - most do not look back
+        self, commands: Float[np.ndarray, "sample channel"], measured: Float[np.ndarray, "sample channel"]
+    ) -> None:
         """Learn from what became of commands.
 
         Parameters

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
@@ -124,7 +125,10 @@ def critical_lag(frequency: float, damping_ratio: float) -> float:
 
 @check_arguments
 def critical_delay_of(
-    mass: np.ndarray, damping: np.ndarray, numerical: np.ndarray, physical: np.ndarray
+    mass: Float[np.ndarray, "dof dof"],
+    damping: Float[np.ndarray, "dof dof"],
+    numerical: Float[np.ndarray, "dof dof"],
+    physical: Float[np.ndarray, "dof dof"],
 ) -> CriticalDelay:
     """Critical delay of a whole structure: the smallest τ > 0 with det(−Ω²M + iΩC + K_N + K_P e^(−iΩτ)) = 0 for some Ω.
 
@@ -167,10 +171,10 @@ def critical_delay_of(
 
 
 def growing_oscillations(
-    mass: np.ndarray,
-    damping: np.ndarray,
-    numerical: np.ndarray,
-    physical: np.ndarray,
+    mass: Float[np.ndarray, "dof dof"],
+    damping: Float[np.ndarray, "dof dof"],
+    numerical: Float[np.ndarray, "dof dof"],
+    physical: Float[np.ndarray, "dof dof"],
     factor: Callable[[float], complex],
 ) -> int:
     """Count the oscillations of a structure that grow where the specimen's force comes late.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 
@@ -40,7 +41,9 @@ class Motion:
         """Whether it never stops."""
         return self.ramp == self.samples and not self.settles
 
-    def path(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    def path(
+        self, start: Float[np.ndarray, " channel"], end: Float[np.ndarray, " channel"]
+    ) -> Float[np.ndarray, "sample channel"]:
         """Give the targets of its controller steps.
 
         Parameters

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 
@@ -23,7 +24,7 @@ STIFFER = 1.05
 """Secant over K₀ from which a warning is due."""
 
 
-def root_mean_square_error(wanted: np.ndarray, measured: np.ndarray) -> float:
+def root_mean_square_error(wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]) -> float:
     """RMS (u_m − u_c) over RMS u_c.
 
     Parameters
@@ -40,7 +41,9 @@ def root_mean_square_error(wanted: np.ndarray, measured: np.ndarray) -> float:
     return float(np.sqrt(np.mean((measured - wanted) ** 2)) / scale) if scale > 0.0 else np.nan
 
 
-def tracking_indicator(wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def tracking_indicator(
+    wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
     """½ (∮ u_c du_m − ∮ u_m du_c): the area enclosed in the synchronisation subspace, which grows while the specimen lags.
 
     Parameters
@@ -58,7 +61,9 @@ def tracking_indicator(wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], 0.5 * np.cumsum(steps)])
 
 
-def energy_error(force: np.ndarray, wanted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+def energy_error(
+    force: Float[np.ndarray, " time"], wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"]
+) -> Float[np.ndarray, " time"]:
     """∫ r d(u_m − u_c): the energy that the motion's error feeds into the structure.
 
     Parameters
@@ -96,7 +101,9 @@ class FrequencyEvaluationIndex:
     frequency: float
 
 
-def frequency_evaluation_index(wanted: np.ndarray, measured: np.ndarray, dt: float) -> FrequencyEvaluationIndex:
+def frequency_evaluation_index(
+    wanted: Float[np.ndarray, " time"], measured: Float[np.ndarray, " time"], dt: float
+) -> FrequencyEvaluationIndex:
     """F = Σ (U_m/U_c) |U_c|² / Σ |U_c|² over the frequencies of a history.
 
     Parameters
@@ -129,7 +136,12 @@ def frequency_evaluation_index(wanted: np.ndarray, measured: np.ndarray, dt: flo
     )
 
 
-def largest_secant(measured: np.ndarray, target: np.ndarray, force: np.ndarray, stiffness: np.ndarray) -> float:
+def largest_secant(
+    measured: Float[np.ndarray, "move channel"],
+    target: Float[np.ndarray, "move channel"],
+    force: Float[np.ndarray, "move channel"],
+    stiffness: Float[np.ndarray, "channel channel"],
+) -> float:
     """Largest stiffness that the specimen has shown along its way, over K₀: Δuᵀ Δr / Δuᵀ K₀ Δu.
 
     Secants go from one place to the next that is a tenth of the peak away, and far beyond the noise. One that does not go on as the

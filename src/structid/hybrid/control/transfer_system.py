@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 from scipy.signal import lfilter
 
 from structid.core.errors import InputError
@@ -123,7 +124,7 @@ class TransferSystem:
         self._random = stream(seed, Purpose.SENSOR_NOISE)
         self._pistons = [_Piston(actuator, controller_step) for actuator in actuators]
 
-    def followed(self, path: np.ndarray) -> np.ndarray:
+    def followed(self, path: Float[np.ndarray, "sample channel"]) -> Float[np.ndarray, "sample channel"]:
         """Move along a path.
 
         Parameters
@@ -138,7 +139,9 @@ class TransferSystem:
         """
         return np.stack([p.followed(path[:, k]) for k, p in enumerate(self._pistons)], axis=1)
 
-    def seen(self, displacement: np.ndarray, force: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def seen(
+        self, displacement: Float[np.ndarray, "sample channel"], force: Float[np.ndarray, "sample channel"]
+    ) -> tuple[np.ndarray, np.ndarray]:
         """What the sensors make of it.
 
         Parameters

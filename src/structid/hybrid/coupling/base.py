@@ -8,7 +8,9 @@ from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError, check_choice
 from structid.engine.array_module import namespace
 from structid.hybrid.coupling.operator_splitting import OperatorSplitting, PartState
@@ -31,7 +33,7 @@ class CoupledState(NamedTuple):
 
     numerical: PartState
     physical: PartState
-    traction: Any
+    traction: Float[Array, "interface *run"]
 
 
 class FineSteps(NamedTuple):
@@ -46,7 +48,7 @@ class FineSteps(NamedTuple):
     """
 
     part: PartState
-    traction: Any
+    traction: Float[Array, "fine_step interface"]
 
 
 class CoarseStep(NamedTuple):
@@ -134,7 +136,7 @@ class Joined(ABC):
     keeps_fine: bool = True
 
     @abstractmethod
-    def step(self, state: CoupledState, bases: Any) -> CoarseStep:
+    def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
         """Take a coarse step.
 
         Parameters
@@ -166,7 +168,7 @@ class Joined(ABC):
         coarse, fine = (numerical, physical) if self.fine_is_physical else (physical, numerical)
         return replace(self, coarse=replace(self.coarse, part=coarse), fine=replace(self.fine, part=fine))
 
-    def seen(self, part: PartState, traction: Any) -> Any:
+    def seen(self, part: PartState, traction: Float[Array, "interface *run"]) -> Any:
         """What is told of a fine step.
 
         Parameters
@@ -237,7 +239,7 @@ class Joined(ABC):
         pair = (coarse, fine) if self.fine_is_physical else (fine, coarse)
         return CoupledState(*pair, traction)
 
-    def start(self, base: Any = 0.0, like: Any = None) -> CoupledState:
+    def start(self, base: Any = 0.0, like: Float[Array, " run"] = None) -> CoupledState:
         """Both parts at rest, with the accelerations and interface forces that the first acceleration of the base asks for.
 
         Σ L a = 0 gives Λ: Σ L M⁻¹ Lᵀ Λ = −Σ L a, with the accelerations of the parts on their own.
@@ -283,7 +285,7 @@ class Joined(ABC):
         coarse, fine = self.parts_of(state)
         return xp.abs(self.coarse.rows @ coarse.displacement + self.fine.rows @ fine.displacement).max(axis=0)
 
-    def missed_velocity(self, coarse: PartState, fine: PartState) -> Any:
+    def missed_velocity(self, coarse: PartState, fine: PartState) -> Float[Array, "interface *run"]:
         """Σ L v.
 
         Parameters
@@ -348,7 +350,7 @@ def splittings(
     )
 
 
-def inverse_of(operator: np.ndarray) -> np.ndarray:
+def inverse_of(operator: Float[np.ndarray, "interface interface"]) -> Float[np.ndarray, "interface interface"]:
     """Invert an interface operator.
 
     Parameters

@@ -10,7 +10,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.validation import check_arguments
 from structid.engine.array_module import namespace
 from structid.engine.sequence import in_sequence
@@ -74,7 +76,7 @@ class JoinedAtFineSteps(Joined):
         """H⁻¹, shape (interface, interface)."""
         return inverse_of(sum(s.rows @ s.unit_link.velocity for s in (self.coarse, self.fine)))
 
-    def step(self, state: CoupledState, bases: Any) -> CoarseStep:
+    def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
         """Take a coarse step; see `Joined.step`.
 
         Parameters

@@ -12,7 +12,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.hybrid.substructures.substructure import Substructure
 
 Imposing = Callable[[Any, Any], tuple[Any, Any]]
@@ -57,7 +59,7 @@ class Link(NamedTuple):
     acceleration: Any
     force: Any
 
-    def added_to(self, state: PartState, factor: Any = 1.0) -> PartState:
+    def added_to(self, state: PartState, factor: Float[Array, "interface *run"] = 1.0) -> PartState:
         """Correct a state.
 
         Parameters
@@ -145,7 +147,7 @@ class OperatorSplitting:
         u = self.beta * h**2 * a
         return Link(u, self.gamma * h * a, a, self.part.stiffness @ u)
 
-    def start(self, displacement: Any, base: Any) -> PartState:
+    def start(self, displacement: Float[Array, "dof *run"], base: Any) -> PartState:
         """State before the first step, without interface forces.
 
         Parameters
@@ -165,7 +167,7 @@ class OperatorSplitting:
         acceleration = np.linalg.inv(part.mass) @ (self.load(base, displacement) - force)
         return PartState(displacement, displacement, acceleration, force, displacement, force, memory)
 
-    def load(self, base: Any, like: Any) -> Any:
+    def load(self, base: Any, like: Float[Array, "dof *run"]) -> Any:
         """−M ι a_g.
 
         Parameters

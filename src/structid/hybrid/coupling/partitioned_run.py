@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.ground_motion.record import GroundMotion
@@ -28,13 +29,13 @@ class PartHistory:
         ũ, and the force r̃ that was found there.
     """
 
-    time: np.ndarray
-    displacement: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-    force: np.ndarray
-    imposed: np.ndarray
-    reading: np.ndarray
+    time: Float[np.ndarray, " time"]
+    displacement: Float[np.ndarray, "time dof"]
+    velocity: Float[np.ndarray, "time dof"]
+    acceleration: Float[np.ndarray, "time dof"]
+    force: Float[np.ndarray, "time dof"]
+    imposed: Float[np.ndarray, "time dof"]
+    reading: Float[np.ndarray, "time dof"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +59,13 @@ class CoarseHistory:
         Of the parts.
     """
 
-    time: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    traction: np.ndarray
-    gap: np.ndarray
-    pseudo_energy: np.ndarray
+    time: Float[np.ndarray, " time"]
+    u: Float[np.ndarray, "time dof"]
+    v: Float[np.ndarray, "time dof"]
+    a: Float[np.ndarray, "time dof"]
+    traction: Float[np.ndarray, "time interface"]
+    gap: Float[np.ndarray, " time"]
+    pseudo_energy: Float[np.ndarray, " time"]
     numerical: PartHistory
     physical: PartHistory
 
@@ -82,7 +83,7 @@ class FineHistory:
     """
 
     part: PartHistory
-    traction: np.ndarray
+    traction: Float[np.ndarray, "time interface"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class PartitionedHistories:
     fine: FineHistory
 
 
-def steps_over(joined: Joined, start: CoupledState, base: np.ndarray) -> Iterator[CoarseStep]:
+def steps_over(joined: Joined, start: CoupledState, base: Float[np.ndarray, " _"]) -> Iterator[CoarseStep]:
     """Take every coarse step of a record.
 
     Parameters
@@ -125,7 +126,7 @@ def steps_over(joined: Joined, start: CoupledState, base: np.ndarray) -> Iterato
         state = step.state
 
 
-def base_of(record: GroundMotion, joined: Joined, duration: float | None = None) -> np.ndarray:
+def base_of(record: GroundMotion, joined: Joined, duration: float | None = None) -> Float[np.ndarray, " _"]:
     """Acceleration of the base at every fine step.
 
     Parameters
@@ -170,8 +171,8 @@ class StepFrame:
         Which part takes them.
     """
 
-    numerical_rows: np.ndarray
-    physical_rows: np.ndarray
+    numerical_rows: Float[np.ndarray, "interface dof"]
+    physical_rows: Float[np.ndarray, "interface physical_dof"]
     dt: float
     substeps: int
     fine_is_physical: bool
@@ -210,7 +211,7 @@ class StepFrame:
         """Numbers in a row."""
         return sum(math.prod(shape) for shape in self._shapes.values())
 
-    def row_of(self, step: CoarseStep) -> np.ndarray:
+    def row_of(self, step: CoarseStep) -> Float[np.ndarray, " width"]:
         """Write a step.
 
         Parameters
@@ -227,7 +228,7 @@ class StepFrame:
         parts = (*state.numerical[:6], *state.physical[:6], state.traction, np.atleast_1d(step.pseudo_energy))
         return np.concatenate([np.ravel(x) for x in (*parts, *step.fine.part[:6], step.fine.traction)])
 
-    def start_of(self, start: CoupledState) -> np.ndarray:
+    def start_of(self, start: CoupledState) -> Float[np.ndarray, " width"]:
         """Write the state before the first step, as a step in which nothing fine has happened.
 
         Parameters
@@ -243,7 +244,7 @@ class StepFrame:
         known = np.concatenate([np.ravel(x) for x in (*start.numerical[:6], *start.physical[:6], start.traction)])
         return np.concatenate([known, np.zeros(self.width - len(known))])
 
-    def histories(self, rows: np.ndarray) -> PartitionedHistories:
+    def histories(self, rows: Float[np.ndarray, "_ width"]) -> PartitionedHistories:
         """Read rows.
 
         Parameters
@@ -285,7 +286,7 @@ class StepFrame:
         return PartitionedHistories(coarse, FineHistory(PartHistory(fine_time, *columns), tractions))
 
 
-def run_over(joined: Joined, base: np.ndarray) -> PartitionedHistories:
+def run_over(joined: Joined, base: Float[np.ndarray, " _"]) -> PartitionedHistories:
     """Run both parts over a record.
 
     Parameters

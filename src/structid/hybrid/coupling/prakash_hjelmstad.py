@@ -12,7 +12,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
 from structid.engine.array_module import namespace
@@ -109,7 +111,7 @@ class JoinedAtCoarseSteps(Joined):
         """H⁻¹, shape (interface, interface)."""
         return inverse_of(self.coarse.rows @ self.coarse.unit_link.velocity + self.fine.rows @ self.response.velocity)
 
-    def step(self, state: CoupledState, bases: Any) -> CoarseStep:
+    def step(self, state: CoupledState, bases: Float[Array, " _"]) -> CoarseStep:
         """Take a coarse step; see `Joined.step`.
 
         Parameters

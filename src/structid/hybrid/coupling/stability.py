@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.hybrid.coupling.base import CoupledState, Joined
 from structid.hybrid.coupling.operator_splitting import PartState
@@ -24,11 +25,11 @@ class FreeOscillations(NamedTuple):
         ζ; negative for an oscillation that grows.
     """
 
-    frequencies: np.ndarray
-    damping_ratios: np.ndarray
+    frequencies: Float[np.ndarray, " mode"]
+    damping_ratios: Float[np.ndarray, " mode"]
 
 
-def amplification(joined: Joined) -> np.ndarray:
+def amplification(joined: Joined) -> Float[np.ndarray, "state state"]:
     """Matrix by which a coarse step maps the state of linear parts, by taking it from unit states all at once.
 
     Parameters

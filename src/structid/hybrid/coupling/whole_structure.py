@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.hybrid.control.delay import CriticalDelay, critical_delay_of, growing_oscillations
 from structid.hybrid.coupling.base import Joined
@@ -25,10 +26,10 @@ class WholeStructure:
         Initial stiffnesses of the parts [N/m].
     """
 
-    mass: np.ndarray
-    damping: np.ndarray
-    numerical: np.ndarray
-    physical: np.ndarray
+    mass: Float[np.ndarray, "dof dof"]
+    damping: Float[np.ndarray, "dof dof"]
+    numerical: Float[np.ndarray, "dof dof"]
+    physical: Float[np.ndarray, "dof dof"]
 
     @classmethod
     def of(cls, joined: Joined) -> WholeStructure:

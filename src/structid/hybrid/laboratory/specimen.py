@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from structid.core.errors import StructidError
@@ -90,7 +91,7 @@ class SpecimenDescription(BaseModel):
             raise ValueError(f"datum has {len(self.datum)} numbers, and there are {len(self.channels)} channels")
         return self
 
-    def refusal(self, last: np.ndarray, path: np.ndarray) -> str | None:
+    def refusal(self, last: Float[np.ndarray, " channel"], path: Float[np.ndarray, "sample channel"]) -> str | None:
         """Say why a path is beyond what the specimen may do; this is decided before anything moves.
 
         Parameters
@@ -130,8 +131,8 @@ class Reading(NamedTuple):
         u_m [m], and the force that the specimen exerts against it [N].
     """
 
-    displacement: np.ndarray
-    force: np.ndarray
+    displacement: Float[np.ndarray, " channel"]
+    force: Float[np.ndarray, " channel"]
 
 
 class Specimen(ABC):

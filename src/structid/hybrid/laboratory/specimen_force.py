@@ -6,7 +6,9 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.hybrid.control.compensation import Compensator
 from structid.hybrid.control.motion import Motion
 from structid.hybrid.laboratory.specimen import Reading, Specimen, SpecimenError
@@ -62,10 +64,10 @@ class SpecimenForce(RestoringForce):
     def __init__(
         self,
         specimen: Specimen,
-        geometry: np.ndarray,
+        geometry: Float[np.ndarray, "channel dof"],
         motion: Motion,
         compensator: Compensator | None = None,
-        stiffness: np.ndarray | None = None,
+        stiffness: Float[np.ndarray, "dof dof"] | None = None,
         moved: Callable[[Move], None] | None = None,
     ) -> None:
         self.specimen, self.geometry, self.motion = specimen, geometry, motion
@@ -80,7 +82,7 @@ class SpecimenForce(RestoringForce):
         """Of the physical part."""
         return int(self.geometry.shape[1])
 
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "dof *run"]) -> Any:
         """Nothing is remembered here: the specimen does; see `RestoringForce.at_rest`.
 
         Parameters
@@ -95,7 +97,7 @@ class SpecimenForce(RestoringForce):
         """
         return ()
 
-    def begin(self, displacement: Any) -> tuple[Any, Any]:
+    def begin(self, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Read the specimen where it is; see `RestoringForce.begin`.
 
         Parameters
@@ -110,7 +112,7 @@ class SpecimenForce(RestoringForce):
         """
         return self.at(self.at_rest(displacement), displacement)
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "dof *run"]) -> tuple[Any, Any]:
         """Move the specimen; see `RestoringForce.at`.
 
         Parameters

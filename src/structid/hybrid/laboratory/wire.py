@@ -28,6 +28,7 @@ from enum import IntEnum
 from typing import Annotated, NamedTuple, TypeVar
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from structid.core.errors import InputError
@@ -339,7 +340,7 @@ def read_json(what: type[Message], payload: bytes) -> Message:
         raise WireError(f"A {what.__name__} came that is none: {str(error).splitlines()[0]}.") from None
 
 
-def packed_move(path: np.ndarray, averaged: int) -> bytes:
+def packed_move(path: Float[np.ndarray, "sample channel"], averaged: int) -> bytes:
     """Write a path: samples, channels, averaged as 32-bit numbers, then float64 values, sample by sample.
 
     Parameters

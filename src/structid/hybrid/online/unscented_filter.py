@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import ndtr
 
 from structid.core.errors import InputError
@@ -42,9 +43,9 @@ class FilteredPath:
     """
 
     names: tuple[str, ...]
-    mean: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    mean: Float[np.ndarray, "move parameter"]
+    low: Float[np.ndarray, "move parameter"]
+    high: Float[np.ndarray, "move parameter"]
 
 
 @check_arguments

@@ -20,6 +20,7 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError, StructidError
 from structid.core.journal import Journal
@@ -187,7 +188,7 @@ class Recorder:
     ) -> None:
         self.close()
 
-    def add(self, row: np.ndarray) -> None:
+    def add(self, row: Float[np.ndarray, " width"]) -> None:
         """Record a row. It survives this process when this returns, and the machine a block later.
 
         Parameters
@@ -268,7 +269,7 @@ class Following:
     def __init__(self, store: Path) -> None:
         self.store, self.about, self.count, self._place = store, {}, 0, 0  # type: ignore[var-annotated]
 
-    def new_rows(self) -> np.ndarray:
+    def new_rows(self) -> Float[np.ndarray, "row width"]:
         """Read what has come since the last time.
 
         Returns

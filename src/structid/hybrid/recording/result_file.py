@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.journal import opened_hdf5, refuse_other_layout, write_then_rename
@@ -102,7 +103,7 @@ class About:
         """Numbers in a row: a step's, then those of its moves."""
         return self.frame.width + self.moves_per_step * 4 * len(self.description.channels)
 
-    def row(self, step: np.ndarray, moves: list[Move]) -> np.ndarray:
+    def row(self, step: Float[np.ndarray, " frame_width"], moves: list[Move]) -> Float[np.ndarray, " width"]:
         """Put a step and its moves into one row.
 
         Parameters
@@ -123,7 +124,9 @@ class About:
         found[len(step) : len(step) + len(values)] = values
         return found
 
-    def result(self, rows: np.ndarray, events: list[Event], stiffness_ratio: float = np.nan) -> HybridResult:
+    def result(
+        self, rows: Float[np.ndarray, "row width"], events: list[Event], stiffness_ratio: float = np.nan
+    ) -> HybridResult:
         """Read rows as a result.
 
         Parameters

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
@@ -27,12 +28,12 @@ class Matrices(NamedTuple):
         ι, the displacement of each degree of freedom with the base.
     """
 
-    mass: np.ndarray
-    damping: np.ndarray
-    stiffness: np.ndarray
-    influence: np.ndarray
+    mass: Float[np.ndarray, "dof dof"]
+    damping: Float[np.ndarray, "dof dof"]
+    stiffness: Float[np.ndarray, "dof dof"]
+    influence: Float[np.ndarray, " dof"]
 
-    def onto(self, basis: np.ndarray) -> Matrices:
+    def onto(self, basis: Float[np.ndarray, "dof coordinate"]) -> Matrices:
         """Restrict the motion to u = T q: Tᵀ M T, Tᵀ C T, Tᵀ K T, and ι with M_r ι_r = Tᵀ M ι.
 
         Parameters
@@ -50,7 +51,7 @@ class Matrices(NamedTuple):
         return Matrices(mass, damping, stiffness, np.linalg.solve(mass, basis.T @ self.mass @ self.influence))
 
 
-def constraint_modes(stiffness: np.ndarray, kept: Sequence[int]) -> np.ndarray:
+def constraint_modes(stiffness: Float[np.ndarray, "dof dof"], kept: Sequence[int]) -> Float[np.ndarray, "dof kept"]:
     """Where a part comes to rest when each kept degree of freedom moves by one and the others are held: −K_ii⁻¹ K_ik.
 
     Parameters

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
@@ -157,8 +158,11 @@ class Substructure:
 
 
 def proportional_damping(
-    mass: np.ndarray, stiffness: np.ndarray, frequencies: Sequence[float], ratio: float
-) -> np.ndarray:
+    mass: Float[np.ndarray, "dof dof"],
+    stiffness: Float[np.ndarray, "dof dof"],
+    frequencies: Sequence[float],
+    ratio: float,
+) -> Float[np.ndarray, "dof dof"]:
     """Damping a₀ M + a₁ K₀ of a part, from frequencies of the whole structure.
 
     ζ = ½ (a₀/ω + a₁ ω) at two frequencies; with one of them a₀ = 0. Both coefficients belong to the whole structure, so that the

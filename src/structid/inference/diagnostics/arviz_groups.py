@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.core.streams import Purpose, derived_seed, stream
 from structid.core.units import factor, si_unit
@@ -23,7 +24,10 @@ EXCITATION_UNITS = {"ground_motion": "m/s**2", "force": "N", "displacement": "m"
 
 
 def groups_of_draws(
-    draws: np.ndarray, ensemble: np.ndarray, statistics: Mapping[str, np.ndarray], units: Mapping[str, str]
+    draws: Float[np.ndarray, "chain draw parameter"],
+    ensemble: Int[np.ndarray, " chain"],
+    statistics: Mapping[str, np.ndarray],
+    units: Mapping[str, str],
 ) -> dict[str, Any]:
     """Groups that every sampler has: the posterior and the statistics of its draws.
 
@@ -73,7 +77,9 @@ def _with_units(draws: np.ndarray, units: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def groups_of_measurement(posterior: Posterior, theta: np.ndarray, seed: int, predictions: bool) -> dict[str, Any]:
+def groups_of_measurement(
+    posterior: Posterior, theta: Float[np.ndarray, "draw parameter"], seed: int, predictions: bool
+) -> dict[str, Any]:
     """Groups that need a measurement: prior, predictives, observed data, excitation, pointwise log-likelihood.
 
     Parameters

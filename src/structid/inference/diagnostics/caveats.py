@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.likelihood.posterior import Posterior
 from structid.inference.prediction.best_prediction import UNEXPLAINED_LIMIT, BestPrediction
@@ -13,7 +14,7 @@ SURROGATE_NATS = 2.0
 """Nats by which a surrogate's mean error may change a log-likelihood before the reader is warned."""
 
 
-def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: np.ndarray) -> list[str]:
+def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: Float[np.ndarray, " parameter"]) -> list[str]:
     """Say what speaks against the model.
 
     Parameters
@@ -45,7 +46,7 @@ def wrong_model(best: BestPrediction, drift: ParameterDrift | None, mean: np.nda
 
 
 def surrogate_warnings(
-    posterior: Posterior, draws: np.ndarray, unexplained: float, certified: bool | None
+    posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], unexplained: float, certified: bool | None
 ) -> list[str]:
     """Say where a surrogate may have moved the posterior.
 

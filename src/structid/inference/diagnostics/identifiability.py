@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from structid.engine.device import jnp
 from structid.inference.likelihood.observation_likelihood import BoundLikelihood
@@ -42,11 +43,11 @@ class Identifiability:
     """
 
     names: tuple[str, ...]
-    fisher: np.ndarray = field(repr=False)
-    eigenvalues: np.ndarray
-    eigenvectors: np.ndarray = field(repr=False)
-    cramer_rao_sd: np.ndarray
-    prior_sd: np.ndarray = field(repr=False)
+    fisher: Float[np.ndarray, "parameter parameter"] = field(repr=False)
+    eigenvalues: Float[np.ndarray, " parameter"]
+    eigenvectors: Float[np.ndarray, "parameter parameter"] = field(repr=False)
+    cramer_rao_sd: Float[np.ndarray, " parameter"]
+    prior_sd: Float[np.ndarray, " parameter"] = field(repr=False)
 
     @property
     def unseen(self) -> list[str]:
@@ -75,7 +76,7 @@ class Identifiability:
         return text.removeprefix("+ ")
 
 
-def identifiability(posterior: Posterior, theta: np.ndarray) -> Identifiability:
+def identifiability(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> Identifiability:
     """Fisher information at a point, by exact sensitivities.
 
     Parameters

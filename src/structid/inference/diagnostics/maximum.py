@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.target import Target
 from structid.optimize.pattern_search import pattern_search
@@ -10,7 +11,9 @@ from structid.probability.marginals import Uniform
 from structid.probability.space import ParameterSpace
 
 
-def maximum(target: Target, draws: np.ndarray, log_density: np.ndarray) -> np.ndarray:
+def maximum(
+    target: Target, draws: Float[np.ndarray, "draw parameter"], log_density: Float[np.ndarray, " draw"]
+) -> Float[np.ndarray, " parameter"]:
     """Search for the maximum of a density from the best of its draws.
 
     Parameters

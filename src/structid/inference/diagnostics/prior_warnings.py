@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.probability.space import ParameterSpace
 
@@ -33,7 +34,7 @@ class PriorWarning(NamedTuple):
     cure: str
 
 
-def prior_warnings(space: ParameterSpace, draws_of_all: np.ndarray) -> list[PriorWarning]:
+def prior_warnings(space: ParameterSpace, draws_of_all: Float[np.ndarray, "draw parameter"]) -> list[PriorWarning]:
     """Say where prior and data disagree.
 
     Parameters

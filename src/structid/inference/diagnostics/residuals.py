@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.inference.convergence import autocovariance
 from structid.inference.error_models.base import ErrorLaw
@@ -45,7 +46,7 @@ class WhitenedResidual:
     channel: str
     record: str
     dt: float
-    values: np.ndarray = field(repr=False)
+    values: Float[np.ndarray, " time"] = field(repr=False)
     observation: int = 0
 
     @property
@@ -87,7 +88,7 @@ class WhitenedResidual:
         return abs(self.largest[0]) > self.bound
 
 
-def whitened_residuals(posterior: Posterior, theta: np.ndarray) -> tuple[WhitenedResidual, ...]:
+def whitened_residuals(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> tuple[WhitenedResidual, ...]:
     """Whiten what a prediction leaves.
 
     Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.likelihood.posterior import Posterior
 
@@ -27,15 +28,15 @@ class RobustSpread:
         Their own standard errors, as shares of them; 0 where they are the posterior's.
     """
 
-    sd: np.ndarray = field(repr=False)
-    error: np.ndarray = field(repr=False)
+    sd: Float[np.ndarray, " parameter"] = field(repr=False)
+    error: Float[np.ndarray, " parameter"] = field(repr=False)
 
     @property
     def same(self) -> bool:
         """Whether they are the posterior's own, because its residuals are white."""
         return not self.error.any()
 
-    def at_least(self, sd: np.ndarray) -> RobustSpread:
+    def at_least(self, sd: Float[np.ndarray, " parameter"]) -> RobustSpread:
         """Leave no standard deviation below the posterior's own: it is part of what is not known.
 
         Parameters
@@ -52,7 +53,7 @@ class RobustSpread:
         return RobustSpread(np.where(wider, self.sd, sd), np.where(wider, self.error, 0.0))
 
 
-def robust_spread(posterior: Posterior, draws: np.ndarray) -> RobustSpread:
+def robust_spread(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> RobustSpread:
     """Sandwich standard deviations of the posterior means: how they would vary over measurements if model or law were wrong.
 
     The influence of what is measured at the time t on the mean of θ_j is ψ_t = Cov(θ_j, log p(y_t | y_<t, θ)) over the posterior
@@ -123,7 +124,7 @@ def _of_one(posterior: Posterior, draws: np.ndarray, index: int) -> tuple[np.nda
 # --- long-run covariances -------------------------------------------------------------------------------------------
 
 
-def long_run_covariance(series: np.ndarray) -> np.ndarray:
+def long_run_covariance(series: Float[np.ndarray, "time quantity"]) -> Float[np.ndarray, "quantity quantity"]:
     """Covariance of a sum of correlated terms, Σ_k w(k/K) Γ_k, with Parzen's window w (A. R. Gallant 1987; it is never negative).
 
     Parameters

@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from structid.core.notebook import ShownAsText
@@ -72,13 +73,13 @@ class Representation(ShownAsText):
     """
 
     names: tuple[str, ...]
-    modes: np.ndarray
-    shares: np.ndarray
-    shares_again: np.ndarray
-    mean_gap: np.ndarray
-    mean_error: np.ndarray
-    sd_gap: np.ndarray
-    sd_error: np.ndarray
+    modes: Float[np.ndarray, "mode parameter"]
+    shares: Float[np.ndarray, " mode"]
+    shares_again: Float[np.ndarray, " mode"]
+    mean_gap: Float[np.ndarray, " parameter"]
+    mean_error: Float[np.ndarray, " parameter"]
+    sd_gap: Float[np.ndarray, " parameter"]
+    sd_error: Float[np.ndarray, " parameter"]
     evidence_gap: float
     failures: tuple[str, ...]
 
@@ -131,8 +132,8 @@ class Representation(ShownAsText):
 
 def represented(
     target: Target,
-    draws: np.ndarray,
-    known: np.ndarray,
+    draws: Float[np.ndarray, "step ensemble walker parameter"],
+    known: Float[np.ndarray, "point parameter"],
     seed: int,
     explorer: SMC = EXPLORER,
     evidence: Evidence | None = None,

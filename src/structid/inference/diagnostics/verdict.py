@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.notebook import ShownAsText
 from structid.inference.convergence import ParameterDiagnostics, standard_error
@@ -63,7 +64,7 @@ class Verdict(ShownAsText):
     failures: tuple[str, ...]
     warnings: tuple[str, ...]
     parameters: dict[str, ParameterDiagnostics] = field(repr=False)
-    acceptance: np.ndarray = field(repr=False)
+    acceptance: Float[np.ndarray, "ensemble walker"] = field(repr=False)
     stuck: int
     failed_simulations: int
     best: BestPrediction
@@ -150,7 +151,11 @@ def convergence_failures(
     return failures
 
 
-def unrest(names: tuple[str, ...], draws: np.ndarray, log_density: np.ndarray) -> list[str]:
+def unrest(
+    names: tuple[str, ...],
+    draws: Float[np.ndarray, "step ensemble walker parameter"],
+    log_density: Float[np.ndarray, "step ensemble walker"],
+) -> list[str]:
     """Say that particles which were drawn from the prior have not come to rest.
 
     Parameters
@@ -178,7 +183,11 @@ def unrest(names: tuple[str, ...], draws: np.ndarray, log_density: np.ndarray) -
     ]
 
 
-def disagreements(names: tuple[str, ...], draws: np.ndarray, beside: np.ndarray) -> list[str]:
+def disagreements(
+    names: tuple[str, ...],
+    draws: Float[np.ndarray, "step ensemble walker parameter"],
+    beside: Float[np.ndarray, "_ _ _ parameter"],
+) -> list[str]:
     """Compare draws with those of an independent population: their means, and what lies beyond their 1 and 99 % quantiles.
 
     A few chains that all miss a mode, or never go far enough into a heavy tail, agree with one another.

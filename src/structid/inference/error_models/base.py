@@ -7,7 +7,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.time_loop import Fold
 from structid.models.base import Model
 from structid.probability.space import ParameterSpace
@@ -118,8 +120,8 @@ class Discrepancy(ErrorLaw):
     """Whether errors are independent and normal: the likelihood then needs only the residual's sum of squares over time."""
 
     def log_likelihood_of_squares(
-        self, squares: Any, samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
-    ) -> Any:
+        self, squares: Float[Array, "channel run"], samples: int, unknown: Mapping[str, Any], channels: tuple[str, ...]
+    ) -> Float[Array, " run"]:
         """Log density of a residual from its sum of squares, inside JAX; for laws that need only that.
 
         Parameters
@@ -165,7 +167,9 @@ class Discrepancy(ErrorLaw):
         """
         return None
 
-    def variances(self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any) -> Any:
+    def variances(
+        self, unknown: Mapping[str, Any], channels: tuple[str, ...], runs: int, numpy: Any
+    ) -> Float[Array, "channel run"]:
         """σ² of every channel and run; for laws of independent errors.
 
         Parameters
@@ -188,7 +192,7 @@ class Discrepancy(ErrorLaw):
 
     @abstractmethod
     def parameters(
-        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+        self, values: Float[np.ndarray, "time channel"], channels: tuple[str, ...], dt: float, units: tuple[str, ...]
     ) -> dict[str, Marginal]:
         """Unknown parameters of ε and their priors.
 
@@ -211,8 +215,13 @@ class Discrepancy(ErrorLaw):
 
     @abstractmethod
     def log_likelihood(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
-    ) -> Any:
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        white: Any = 0.0,
+    ) -> Float[Array, " run"]:
         """Log density of the whole residual, inside JAX.
 
         Parameters
@@ -235,7 +244,13 @@ class Discrepancy(ErrorLaw):
         """
 
     @abstractmethod
-    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def pointwise(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+    ) -> Float[Array, "time channel run"]:
         """Log density of every observation given those before it, inside JAX.
 
         Parameters
@@ -256,7 +271,13 @@ class Discrepancy(ErrorLaw):
         """
 
     @abstractmethod
-    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def whiten(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+    ) -> Float[Array, "time channel run"]:
         """Linear map of a residual to independent unit normals, inside JAX.
 
         Parameters
@@ -284,7 +305,7 @@ class Discrepancy(ErrorLaw):
         unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
         dt: float,
-    ) -> np.ndarray:
+    ) -> Float[np.ndarray, "run time channel"]:
         """Draw ε.
 
         Parameters

@@ -17,7 +17,9 @@ from typing import Any, ClassVar
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.core.units import squared
 from structid.engine.device import jnp
@@ -92,7 +94,7 @@ class Correlated(Discrepancy):
     # --- parameters ---------------------------------------------------------------------------------------------
 
     def parameters(
-        self, values: np.ndarray, channels: tuple[str, ...], dt: float, units: tuple[str, ...]
+        self, values: Float[np.ndarray, "time channel"], channels: tuple[str, ...], dt: float, units: tuple[str, ...]
     ) -> dict[str, Marginal]:
         """Unknown parameters and their priors; see `Discrepancy.parameters`.
 
@@ -214,8 +216,13 @@ class Correlated(Discrepancy):
         return filtered
 
     def log_likelihood(
-        self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float, white: Any = 0.0
-    ) -> Any:
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+        white: Any = 0.0,
+    ) -> Float[Array, " run"]:
         """Log density of the whole residual; see `Discrepancy.log_likelihood`.
 
         Parameters
@@ -286,7 +293,13 @@ class Correlated(Discrepancy):
         nothing = jnp.zeros((len(channels), runs))
         return Fold((start, nothing, nothing + 1.0, nothing), sample, log_density)
 
-    def pointwise(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def pointwise(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+    ) -> Float[Array, "time channel run"]:
         """Log density of every value given those before it; see `Discrepancy.pointwise`.
 
         Parameters
@@ -308,7 +321,13 @@ class Correlated(Discrepancy):
         error, precision = self._innovations(residual, unknown, channels, dt)
         return 0.5 * (jnp.log(precision / (2.0 * jnp.pi)) - error**2 * precision)
 
-    def whiten(self, residual: Any, unknown: Mapping[str, Any], channels: tuple[str, ...], dt: float) -> Any:
+    def whiten(
+        self,
+        residual: Float[Array, "time channel run"],
+        unknown: Mapping[str, Any],
+        channels: tuple[str, ...],
+        dt: float,
+    ) -> Float[Array, "time channel run"]:
         """Innovations over their standard deviation; see `Discrepancy.whiten`.
 
         Parameters
@@ -337,7 +356,7 @@ class Correlated(Discrepancy):
         unknown: Mapping[str, np.ndarray],
         channels: tuple[str, ...],
         dt: float,
-    ) -> np.ndarray:
+    ) -> Float[np.ndarray, "run time channel"]:
         """Draw ε; see `Discrepancy.draw`.
 
         Parameters

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.likelihood.joint_likelihood import JointLikelihood
 from structid.inference.likelihood.observation_likelihood import BoundLikelihood
@@ -35,7 +36,7 @@ class GivenResponses:
         self._responses = [own.transpose(1, 2, 0) for own in runs]
         self._given = compiled
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log posterior density.
 
         Parameters

@@ -7,7 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.core.progress import Progress
 from structid.engine.device import jnp
@@ -122,7 +124,7 @@ class JointLikelihood:
             for name in self.law.hidden_parameters(bound.observation.record.duration)
         )
 
-    def model_parameters(self, theta: Any) -> Any:
+    def model_parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
         """Columns of the model's free parameters.
 
         Parameters
@@ -138,7 +140,7 @@ class JointLikelihood:
         return self.space.columns(theta, self.model.free)
 
     def on_record(
-        self, theta: np.ndarray, record: Excitation, rng: np.random.Generator, index: int | None
+        self, theta: Float[np.ndarray, "run parameter"], record: Excitation, rng: np.random.Generator, index: int | None
     ) -> tuple[Model, np.ndarray]:
         """Model and parameters that respond to a record, the errors inside the model with them.
 
@@ -167,7 +169,7 @@ class JointLikelihood:
         drawn = ParameterSpace(None, None, None, **hidden).from_uniform(rng.random((len(theta), len(hidden))))
         return model, np.concatenate([known, drawn], axis=1)
 
-    def points(self, theta: np.ndarray) -> np.ndarray:
+    def points(self, theta: np.ndarray) -> Float[np.ndarray, "run parameter"]:
         """Check an array of parameters.
 
         Parameters
@@ -204,7 +206,7 @@ class JointLikelihood:
         """What the density inside JAX takes of each observation."""
         return tuple(bound.measured for bound in self.of)
 
-    def traced(self, theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+    def traced(self, theta: Float[Array, "run parameter"], data: Sequence[Measured]) -> tuple[Any, Any]:
         """Log-likelihood and success of every run, inside JAX.
 
         Parameters
@@ -231,7 +233,10 @@ class JointLikelihood:
         return as_traceable(self.model, "likelihood inside JAX").loops or not self.law.added.independent
 
     def on_host(
-        self, theta: np.ndarray, inside: np.ndarray, values: Sequence[np.ndarray] | None = None
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        inside: Bool[np.ndarray, " run"],
+        values: Sequence[np.ndarray] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-likelihood and failure of every run of a model that is not a JAX function.
 
@@ -266,7 +271,9 @@ class JointLikelihood:
         likelihood[rows] = total
         return likelihood, failed
 
-    def predict(self, theta: np.ndarray, index: int, progress: Progress | None = None) -> np.ndarray:
+    def predict(
+        self, theta: Float[np.ndarray, "run parameter"], index: int, progress: Progress | None = None
+    ) -> Float[np.ndarray, "run time channel"]:
         """Prediction of one observation, including the instrument, without discrepancy.
 
         Parameters

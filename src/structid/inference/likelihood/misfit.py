@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from structid.engine.batches import in_batches
 from structid.engine.device import jnp, over_runs
@@ -150,7 +151,7 @@ class Misfit:
             "linearised": InLanes(self._linearised_on_the_way) if looping else over_runs(self._linearised),
         }
 
-    def __call__(self, theta: np.ndarray) -> np.ndarray:
+    def __call__(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Misfit.
 
         Parameters

@@ -14,7 +14,9 @@ from typing import Any
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Float, Int
 
+from structid.core.arrays import Array
 from structid.core.errors import Status
 from structid.engine.device import jnp
 from structid.engine.time_loop import Fold, TimeLoop, once_along_each, sum_of_squares
@@ -46,7 +48,7 @@ class Measured:
     values: Any
     shortcut: Shortcut | None
 
-    def for_runs(self, measurement: Any) -> Measured:
+    def for_runs(self, measurement: Int[Array, " run"]) -> Measured:
         """Give each run a measurement of its own.
 
         Parameters
@@ -125,7 +127,7 @@ class BoundLikelihood:
 
     # --- pieces -------------------------------------------------------------------------------------------------
 
-    def unknowns(self, theta: Any) -> dict[str, Any]:
+    def unknowns(self, theta: Float[Array, "run parameter"]) -> dict[str, Any]:
         """Nuisances and parameters of the discrepancy.
 
         Parameters
@@ -140,7 +142,7 @@ class BoundLikelihood:
         """
         return {name: theta[:, column] for name, column in self._columns.items()}
 
-    def parameters(self, theta: Any) -> Any:
+    def parameters(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run free_parameter"]:
         """Columns of the model's free parameters.
 
         Parameters
@@ -155,7 +157,7 @@ class BoundLikelihood:
         """
         return self._space.columns(theta, self.free)
 
-    def response(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+    def response(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
         """Response of the model, inside JAX.
 
         Parameters
@@ -172,7 +174,9 @@ class BoundLikelihood:
         """
         return self._traceable.response(self.parameters(theta), measured.excitation)
 
-    def shown(self, response: Any, theta: Any) -> Any:
+    def shown(
+        self, response: Float[Array, "*time channel run"], theta: Float[Array, "run parameter"]
+    ) -> Float[Array, "*time shown_channel run"]:
         """Turn a model's response into what the instruments would show, inside JAX.
 
         Parameters
@@ -191,7 +195,9 @@ class BoundLikelihood:
             response = jnp.stack([response[..., place, :] for place in self._places], axis=-2)
         return self.observation.transmit(response, self.unknowns(theta))
 
-    def given(self, response: Any, theta: Any, values: Any) -> Any:
+    def given(
+        self, response: Float[Array, "time model_channel run"], theta: Float[Array, "run parameter"], values: Any
+    ) -> Float[Array, " run"]:
         """Log-likelihood of responses computed beforehand, inside JAX.
 
         Parameters
@@ -212,7 +218,7 @@ class BoundLikelihood:
         found = self.discrepancy.log_likelihood(residual, self.unknowns(theta), self.channels, self.dt)
         return self._in_si(found)
 
-    def compared(self, values: np.ndarray) -> np.ndarray:
+    def compared(self, values: Float[np.ndarray, "time channel measurement"]) -> np.ndarray:
         """What a response is compared with: measurements, or where standard deviations are known, those and 1 in units of them.
 
         Parameters
@@ -229,7 +235,7 @@ class BoundLikelihood:
             return values
         return np.concatenate([self.observation.in_sds(each) for each in (values, np.ones(values.shape))], axis=1)
 
-    def residual(self, theta: Any) -> Callable[[Any, Any], Any]:
+    def residual(self, theta: Float[Array, "run parameter"]) -> Callable[[Any, Any], Any]:
         """Give the function from response and measurement to their difference, in known standard deviations.
 
         Parameters
@@ -251,7 +257,9 @@ class BoundLikelihood:
         """Log density of ε from that of ε/sd: log p(ε) = log p(ε/sd) − Σ log sd."""
         return log_density if self.observation.sd is None else log_density - self.observation.log_sds.sum()
 
-    def of_squares(self, squares: Any, theta: Any) -> Any:
+    def of_squares(
+        self, squares: Float[Array, "channel run"], theta: Float[Array, "run parameter"]
+    ) -> Float[Array, " run"]:
         """Log-likelihood from sums of squared residuals, inside JAX; where it needs no more.
 
         Parameters
@@ -282,7 +290,7 @@ class BoundLikelihood:
         """What the traced likelihood takes from the observation."""
         return self.measured_as(self.observation.values[:, :, None])
 
-    def measured_as(self, values: np.ndarray) -> Measured:
+    def measured_as(self, values: Float[np.ndarray, "time channel measurement"]) -> Measured:
         """Use other measurements instead of the observation's.
 
         Parameters
@@ -299,7 +307,7 @@ class BoundLikelihood:
         shortcut = None if self.observation.sd is not None else model.shortcut(record, values, self.channels)
         return Measured(model.traced(record), self.compared(values), shortcut)
 
-    def traced(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+    def traced(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
         """Log-likelihood and success of every run, inside JAX, by the shortest way.
 
         Parameters
@@ -326,7 +334,7 @@ class BoundLikelihood:
         found, finite = loop.folded(fold, measured.values, self.residual(theta))
         return self.of_fold(found, theta), finite
 
-    def fold(self, theta: Any, samples: int) -> Fold | None:
+    def fold(self, theta: Float[Array, "run parameter"], samples: int) -> Fold | None:
         """What becomes of the residuals, sample by sample.
 
         Parameters
@@ -360,7 +368,7 @@ class BoundLikelihood:
         """
         return sum_of_squares(jnp.zeros((len(self.channels), runs)))
 
-    def of_fold(self, value: Any, theta: Any) -> Any:
+    def of_fold(self, value: Any, theta: Float[Array, "run parameter"]) -> Float[Array, " run"]:
         """Log-likelihood from what `fold` gives, inside JAX.
 
         Parameters
@@ -377,7 +385,7 @@ class BoundLikelihood:
         """
         return self.of_squares(value, theta) if self.discrepancy.independent else self._in_si(value)
 
-    def squares(self, theta: Any, measured: Measured) -> tuple[Any, Any]:
+    def squares(self, theta: Float[Array, "run parameter"], measured: Measured) -> tuple[Any, Any]:
         """Sum of squared residuals over time, inside JAX, by the shortest way.
 
         Parameters
@@ -413,7 +421,7 @@ class BoundLikelihood:
         """Whether it can take the response sample by sample: it is neither shifted in time, nor has it an error of its own."""
         return not self._model_error and self.observation.time_shift is None
 
-    def loop(self, parameters: Any, measured: Measured) -> TimeLoop | None:
+    def loop(self, parameters: Float[Array, "run free_parameter"], measured: Measured) -> TimeLoop | None:
         """The loop over time that gives the response sample by sample.
 
         Parameters
@@ -458,7 +466,10 @@ class BoundLikelihood:
     # --- on the host --------------------------------------------------------------------------------------------
 
     def on_host(
-        self, theta: np.ndarray, run: Histories, values: np.ndarray | None = None
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        run: Histories,
+        values: Float[np.ndarray, "time channel _"] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Log-likelihood and failure of every run of a model that is not a JAX function.
 

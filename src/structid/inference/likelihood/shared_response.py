@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from jax import lax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.time_loop import once_along_each, side_by_side
 from structid.inference.likelihood.observation_likelihood import BoundLikelihood, Measured
 from structid.observation import Observation
@@ -59,7 +61,9 @@ def of_one_run(bounds: Sequence[BoundLikelihood]) -> tuple[tuple[int, ...], ...]
     return tuple(map(tuple, found.values()))
 
 
-def squares_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[list[Any], Any]:
+def squares_of(
+    bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
+) -> tuple[list[Any], Any]:
     """Sums of squared residuals of observations that share a response, inside JAX.
 
     Parameters
@@ -85,7 +89,9 @@ def squares_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Mea
     return list(each), functools.reduce(operator.and_, finite)
 
 
-def log_likelihood_of(bounds: Sequence[BoundLikelihood], theta: Any, data: Sequence[Measured]) -> tuple[Any, Any]:
+def log_likelihood_of(
+    bounds: Sequence[BoundLikelihood], theta: Float[Array, "run parameter"], data: Sequence[Measured]
+) -> tuple[Any, Any]:
     """Log-likelihood of observations that share a response, inside JAX.
 
     Parameters

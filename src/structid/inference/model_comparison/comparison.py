@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from structid.core.errors import InputError
@@ -35,8 +36,8 @@ class LeaveOut:
         Tail index of the weights that leave it out.
     """
 
-    each: np.ndarray = field(repr=False)
-    k_hat: np.ndarray = field(repr=False)
+    each: Float[np.ndarray, " block"] = field(repr=False)
+    k_hat: Float[np.ndarray, " block"] = field(repr=False)
 
     @property
     def value(self) -> float:
@@ -70,7 +71,7 @@ class LeaveOut:
         return float(gap.sum()), float(np.sqrt(len(gap) * gap.var(ddof=1)))
 
 
-def leave_out(posterior: Posterior, draws: np.ndarray, blocks: int = BLOCKS) -> LeaveOut:
+def leave_out(posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], blocks: int = BLOCKS) -> LeaveOut:
     """Cross-validate over stretches of the measurements by Pareto-smoothed importance sampling.
 
     Parameters

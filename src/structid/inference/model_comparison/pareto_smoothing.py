@@ -7,6 +7,7 @@ Technometrics 51, 316).
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 SMALLEST_TAIL = 5
 """With fewer draws in the tail nothing can be fitted: k̂ is infinite."""
@@ -15,7 +16,7 @@ PRIOR_DRAWS, PRIOR_K = 10.0, 0.5
 """The fitted shape is drawn towards ½ as by ten draws (Vehtari et al., appendix C)."""
 
 
-def smoothed_weights(log_ratios: np.ndarray) -> tuple[np.ndarray, float]:
+def smoothed_weights(log_ratios: Float[np.ndarray, " draw"]) -> tuple[np.ndarray, float]:
     """Pareto-smoothed importance weights and their tail index.
 
     Parameters
@@ -58,7 +59,7 @@ def _smooth_tail(weights: np.ndarray) -> float:
     return k
 
 
-def pareto_fit(excess: np.ndarray) -> tuple[float, float]:
+def pareto_fit(excess: Float[np.ndarray, " draw"]) -> tuple[float, float]:
     """Fit a generalised Pareto law, 1 − F(x) = (1 + k x/σ)^(−1/k), by the empirical-Bayes estimate of Zhang & Stephens.
 
     With θ = −k/σ the profile likelihood of n draws is L(θ) = exp{n (log(−θ/k(θ)) − k(θ) − 1)}, k(θ) = mean log(1 − θ x). θ is its

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.convergence import autocorrelation_time
 from structid.inference.prediction.error_growth import running_power
@@ -36,10 +37,12 @@ class BandScale:
         λ at `LEVELS`; log λ is linear between them, and constant beyond.
     """
 
-    factors: np.ndarray
+    factors: Float[np.ndarray, "level channel"]
 
     @classmethod
-    def of(cls, measured: np.ndarray, draws: np.ndarray, dt: float) -> BandScale:
+    def of(
+        cls, measured: Float[np.ndarray, "time channel"], draws: Float[np.ndarray, "draw time channel"], dt: float
+    ) -> BandScale:
         """Find the factors with which a band of draws would have held the measured values as often as it says.
 
         Parameters
@@ -66,7 +69,7 @@ class BandScale:
             factors[:, channel] = _factors(away, power[:, channel])
         return cls(factors)
 
-    def applied(self, draws: np.ndarray, dt: float) -> np.ndarray:
+    def applied(self, draws: Float[np.ndarray, "draw time channel"], dt: float) -> np.ndarray:
         """Move draws away from their median, or towards it.
 
         Parameters

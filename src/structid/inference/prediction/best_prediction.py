@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.likelihood.posterior import Posterior
 
@@ -41,7 +42,7 @@ UNMEASURED = BestPrediction(float("nan"), float("nan"))
 """Where there is nothing to compare with."""
 
 
-def best_prediction(posterior: Posterior, theta: np.ndarray) -> BestPrediction:
+def best_prediction(posterior: Posterior, theta: Float[np.ndarray, " parameter"]) -> BestPrediction:
     """Fraction of the measurements' variance that a prediction leaves unexplained, Σ(y − M)² / Σ(y − ȳ)², and how large it is.
 
     Parameters

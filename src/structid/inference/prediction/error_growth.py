@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.inference.likelihood.posterior import Posterior
 
@@ -25,10 +26,12 @@ class ErrorGrowth:
         p̄, the mean power of the response to the measured record, in the square of the channel's SI unit.
     """
 
-    share: np.ndarray
-    power: np.ndarray = field(repr=False)
+    share: Float[np.ndarray, " channel"]
+    power: Float[np.ndarray, " channel"] = field(repr=False)
 
-    def scale(self, response: np.ndarray, dt: float) -> np.ndarray:
+    def scale(
+        self, response: Float[np.ndarray, "run time channel"], dt: float
+    ) -> Float[np.ndarray, "run time channel"]:
         """Give σ(t)/σ for another record.
 
         Parameters
@@ -49,7 +52,7 @@ class ErrorGrowth:
         return np.asarray(np.sqrt(1.0 - self.share + self.share * power / self.power))
 
 
-def running_power(response: np.ndarray, dt: float) -> np.ndarray:
+def running_power(response: Float[np.ndarray, "time channel"], dt: float) -> Float[np.ndarray, "time channel"]:
     """Mean square of a response over two of its dominant periods.
 
     Parameters
@@ -70,7 +73,7 @@ def running_power(response: np.ndarray, dt: float) -> np.ndarray:
     return np.asarray(scipy.ndimage.uniform_filter1d(response**2, width, axis=0, mode="nearest"))
 
 
-def error_growth(posterior: Posterior, theta: np.ndarray, index: int = 0) -> ErrorGrowth:
+def error_growth(posterior: Posterior, theta: Float[np.ndarray, " parameter"], index: int = 0) -> ErrorGrowth:
     """Find the part of the errors that goes with the motion: non-negative least squares of the residual's running power.
 
     Parameters

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.units import factor
 from structid.inference.error_models.drifting import DRIFT_LOG_SD, DRIFT_MEDIAN, SPANS
@@ -37,11 +38,11 @@ class ParameterDrift:
     """
 
     posterior: Posterior = field(repr=False)
-    sd: np.ndarray = field(repr=False)
+    sd: Float[np.ndarray, " parameter"] = field(repr=False)
     gain: float
 
     @classmethod
-    def sampled(cls, posterior: Posterior, draws: np.ndarray) -> ParameterDrift:
+    def sampled(cls, posterior: Posterior, draws: Float[np.ndarray, "draw parameter"]) -> ParameterDrift:
         """Take the drift from draws of a posterior whose law lets parameters drift.
 
         Parameters
@@ -64,7 +65,7 @@ class ParameterDrift:
         """Whether the data say that the parameters drift."""
         return bool(self.sd.any())
 
-    def widened(self, sd: np.ndarray) -> np.ndarray:
+    def widened(self, sd: Float[np.ndarray, " parameter"]) -> Float[np.ndarray, " parameter"]:
         """Give the spread of the parameters on a record that was not measured, √(sd² + d²).
 
         Parameters
@@ -79,7 +80,7 @@ class ParameterDrift:
         """
         return np.asarray(np.hypot(sd, np.pad(self.sd, (0, len(sd) - len(self.sd)))))
 
-    def sentence(self, mean: np.ndarray) -> str:
+    def sentence(self, mean: Float[np.ndarray, " parameter"]) -> str:
         """Say by how much they drift.
 
         Parameters
@@ -112,7 +113,9 @@ class ParameterDrift:
             "record; on another record they may differ by as much."
         )
 
-    def moved(self, theta: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    def moved(
+        self, theta: Float[np.ndarray, "run parameter"], rng: np.random.Generator
+    ) -> Float[np.ndarray, "run parameter"]:
         """Draw what the parameters are on a record that was not measured: θ_j + d_j b_j, b_j ~ N(0, 1).
 
         Parameters
@@ -132,7 +135,9 @@ class ParameterDrift:
         return np.concatenate([np.clip(own, low, high), theta[:, count:]], axis=1)
 
 
-def drift_of(posterior: Posterior, draws: np.ndarray, fit: np.ndarray) -> ParameterDrift | None:
+def drift_of(
+    posterior: Posterior, draws: Float[np.ndarray, "draw parameter"], fit: Float[np.ndarray, " parameter"]
+) -> ParameterDrift | None:
     """Give the drift as the law itself has it, or as it is estimated from what a fit leaves.
 
     Parameters
@@ -152,7 +157,9 @@ def drift_of(posterior: Posterior, draws: np.ndarray, fit: np.ndarray) -> Parame
     return ParameterDrift.sampled(posterior, draws) if posterior.law.inside else parameter_drift(posterior, fit)
 
 
-def parameter_drift(posterior: Posterior, theta: np.ndarray, spans: int = SPANS) -> ParameterDrift | None:
+def parameter_drift(
+    posterior: Posterior, theta: Float[np.ndarray, " parameter"], spans: int = SPANS
+) -> ParameterDrift | None:
     """Estimate how far the parameters drift, to first order about a fit.
 
     With hats h_k about knots in time, S_j = ∂M/∂θ_j and the law's whitening L⁻¹, the whitened residual is

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.core.channels import ChannelUnit
 from structid.core.errors import InputError
@@ -61,17 +62,17 @@ class Prediction(ShownAsText):
         How the simulation of each draw ended, those included that are left out.
     """
 
-    time: np.ndarray
+    time: Float[np.ndarray, " time"]
     channels: tuple[str, ...]
-    response: np.ndarray = field(repr=False)
-    observable: np.ndarray = field(repr=False)
+    response: Float[np.ndarray, "draw time channel"] = field(repr=False)
+    observable: Float[np.ndarray, "draw time channel"] = field(repr=False)
     failed: int
     excitation: str
     units: Mapping[str, ChannelUnit] = field(default_factory=dict)
-    structural: np.ndarray | None = field(default=None, repr=False)
-    peak_ratio: np.ndarray | None = None
-    peak_share: np.ndarray | None = None
-    status: np.ndarray | None = field(default=None, repr=False)
+    structural: Float[np.ndarray, "draw time channel"] | None = field(default=None, repr=False)
+    peak_ratio: Float[np.ndarray, " channel"] | None = None
+    peak_share: Float[np.ndarray, " draw"] | None = None
+    status: Int[np.ndarray, " all_draws"] | None = field(default=None, repr=False)
 
     def __str__(self) -> str:
         runs, samples, _ = self.response.shape
@@ -145,7 +146,7 @@ def first_that_takes(record: Excitation | None, *posteriors: Posterior) -> Poste
 
 def predict(
     posterior: Posterior,
-    theta: np.ndarray,
+    theta: Float[np.ndarray, "draw parameter"],
     record: Excitation | None = None,
     channels: tuple[str, ...] | None = None,
     seed: int = 0,
@@ -212,7 +213,7 @@ class Predictor:
     """
 
     posterior: Posterior
-    theta: np.ndarray = field(repr=False)
+    theta: Float[np.ndarray, "draw parameter"] = field(repr=False)
     seed: int = 0
     drift: ParameterDrift | None = None
     scaled: bool = True

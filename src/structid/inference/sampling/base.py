@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
 from structid.core.progress import Progress
@@ -45,12 +46,17 @@ class Evidence:
 
     value: float
     error: float
-    each: np.ndarray
+    each: Float[np.ndarray, " population"]
     smallest_basin: float = float("nan")
     at_rest: bool = True
 
     @classmethod
-    def of_populations(cls, each: np.ndarray, variance: np.ndarray, lacking: np.ndarray) -> Evidence:
+    def of_populations(
+        cls,
+        each: Float[np.ndarray, " population"],
+        variance: Float[np.ndarray, " population"],
+        lacking: Float[np.ndarray, " population"],
+    ) -> Evidence:
         """Average the evidence of independent populations.
 
         Parameters
@@ -164,9 +170,9 @@ class Drawn:
         Trajectories that did not conserve energy, for samplers that follow trajectories.
     """
 
-    phi: np.ndarray
-    log_density: np.ndarray
-    accepted: np.ndarray
+    phi: Float[np.ndarray, "step ensemble walker parameter"]
+    log_density: Float[np.ndarray, "step ensemble walker"]
+    accepted: Bool[np.ndarray, "step ensemble walker"]
     failed: int
     log_evidence: Evidence | None = None
     cost: Cost | None = None
@@ -283,7 +289,9 @@ class Sampler(ABC):
         """
 
 
-def correlation(before: np.ndarray, after: np.ndarray) -> float:
+def correlation(
+    before: Float[np.ndarray, "ensemble walker parameter"], after: Float[np.ndarray, "ensemble walker parameter"]
+) -> float:
     """Largest correlation, over the parameters, between two positions of every walker.
 
     Parameters

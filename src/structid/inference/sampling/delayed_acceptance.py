@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields, replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import ConvergenceError, InputError
 from structid.core.progress import Progress
@@ -374,9 +375,9 @@ class TwoStageState(NamedTuple):
         Log densities under the model itself and under the surrogate, with respect to φ.
     """
 
-    phi: np.ndarray
-    log_density: np.ndarray
-    log_surrogate: np.ndarray
+    phi: Float[np.ndarray, "ensemble walker parameter"]
+    log_density: Float[np.ndarray, "ensemble walker"]
+    log_surrogate: Float[np.ndarray, "ensemble walker"]
 
     @classmethod
     def of(cls, block: Block) -> TwoStageState:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.target import Target
 
@@ -35,8 +36,8 @@ class EnsembleState(NamedTuple):
         Log of the density that is sampled, there.
     """
 
-    phi: np.ndarray
-    log_density: np.ndarray
+    phi: Float[np.ndarray, "ensemble walker parameter"]
+    log_density: Float[np.ndarray, "ensemble walker"]
 
     def part(self, walkers: slice) -> EnsembleState:
         """Some walkers of every ensemble; what is changed in them is changed here.
@@ -82,7 +83,10 @@ def halves(walkers: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
 
 
 def stretch_proposal(
-    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray, a: float
+    rng: np.random.Generator,
+    moving: Float[np.ndarray, "ensemble walker parameter"],
+    resting: Float[np.ndarray, "ensemble resting_walker parameter"],
+    a: float,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Stretch move.
 
@@ -113,7 +117,9 @@ def stretch_proposal(
 
 
 def differential_proposal(
-    rng: np.random.Generator, moving: np.ndarray, resting: np.ndarray
+    rng: np.random.Generator,
+    moving: Float[np.ndarray, "ensemble walker parameter"],
+    resting: Float[np.ndarray, "ensemble resting_walker parameter"],
 ) -> tuple[np.ndarray, np.ndarray]:
     """Differential-evolution move.
 
@@ -159,9 +165,9 @@ class IndependenceLaw(NamedTuple):
         Its share of the moves.
     """
 
-    middle: np.ndarray
-    factor: np.ndarray
-    share: np.ndarray
+    middle: Float[np.ndarray, "ensemble layer parameter"]
+    factor: Float[np.ndarray, "ensemble layer parameter parameter"]
+    share: Float[np.ndarray, " layer"]
 
     @classmethod
     def fitted(cls, walkers: EnsembleState) -> IndependenceLaw:
@@ -199,7 +205,7 @@ class IndependenceLaw(NamedTuple):
             middle=np.repeat(self.middle, ensembles, axis=0), factor=np.repeat(self.factor, ensembles, axis=0)
         )
 
-    def draw(self, rng: np.random.Generator, count: int) -> np.ndarray:
+    def draw(self, rng: np.random.Generator, count: int) -> Float[np.ndarray, "ensemble count parameter"]:
         """Draw from the law of every ensemble.
 
         Parameters
@@ -223,7 +229,7 @@ class IndependenceLaw(NamedTuple):
             self.middle[ensemble, layer] + tails * np.einsum("ewij,ewj->ewi", self.factor[ensemble, layer], normal)
         )
 
-    def log_density(self, x: np.ndarray) -> np.ndarray:
+    def log_density(self, x: Float[np.ndarray, "ensemble walker parameter"]) -> Float[np.ndarray, "ensemble walker"]:
         """Log q, up to a constant.
 
         Parameters
@@ -274,7 +280,7 @@ def _layered(walkers: EnsembleState, sizes: list[int]) -> tuple[np.ndarray, np.n
 
 
 def independent_proposal(
-    rng: np.random.Generator, moving: np.ndarray, law: IndependenceLaw
+    rng: np.random.Generator, moving: Float[np.ndarray, "ensemble walker parameter"], law: IndependenceLaw
 ) -> tuple[np.ndarray, np.ndarray]:
     """Independence move.
 
@@ -358,7 +364,11 @@ class Moves:
         return first + first[::-1][count % 2 :]
 
     def propose(
-        self, rng: np.random.Generator, kind: Kind, moving: np.ndarray, resting: EnsembleState
+        self,
+        rng: np.random.Generator,
+        kind: Kind,
+        moving: Float[np.ndarray, "ensemble walker parameter"],
+        resting: EnsembleState,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Propose a place for every walker of a half.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.inference.sampling.base import Block
 from structid.inference.sampling.smc.smc import SMC
@@ -15,7 +16,7 @@ START_EXPONENT = 0.5
 """Of the likelihood. The draws are wider than the posterior, so that R-hat has something to find."""
 
 
-def tempered_draws(target: Target, seed: int, explorer: SMC = EXPLORER) -> np.ndarray:
+def tempered_draws(target: Target, seed: int, explorer: SMC = EXPLORER) -> Float[np.ndarray, "particle parameter"]:
     """Draw from prior × likelihood^½.
 
     Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.hashing import digest
 from structid.inference.target import Target
@@ -42,7 +43,7 @@ class InCoordinates(Target):
         own = self.density.bijection.inverse(theta)
         return own, jacobian - self.density.bijection(own)[1]
 
-    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Log density; see `Target.evaluate`.
 
         Parameters
@@ -59,7 +60,7 @@ class InCoordinates(Target):
         value, failed = self.density.evaluate(own)
         return _or_none(value + jacobian), failed
 
-    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood; see `Target.evaluate_parts`.
 
         Parameters
@@ -76,7 +77,7 @@ class InCoordinates(Target):
         prior, likelihood, failed = self.density.evaluate_parts(own)
         return _or_none(prior + jacobian), _or_none(likelihood), failed
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log density with respect to the parameters; see `Target.log_density`.
 
         Parameters
@@ -91,7 +92,7 @@ class InCoordinates(Target):
         """
         return self.density.log_density(theta)
 
-    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Draw starting points; see `Target.initial`.
 
         Parameters

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.channels import ChannelUnit, base_channel
 from structid.core.units import factor
@@ -80,7 +81,7 @@ def questions_of_the_measurement(observation: Observation, units: Mapping[str, C
     return asked
 
 
-def gap(name: str, values: np.ndarray, dt: float) -> str:
+def gap(name: str, values: Float[np.ndarray, " time"], dt: float) -> str:
     """Ask about a second of exact zeros amid motion.
 
     Parameters
@@ -109,7 +110,7 @@ def gap(name: str, values: np.ndarray, dt: float) -> str:
     return ""
 
 
-def clipped(name: str, values: np.ndarray, unit: str) -> str:
+def clipped(name: str, values: Float[np.ndarray, " time"], unit: str) -> str:
     """Ask about flat tops at the largest or the smallest value, which a range that is too small cuts.
 
     Parameters

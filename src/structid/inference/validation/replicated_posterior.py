@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.hashing import digest
 from structid.engine.batches import LARGEST_BATCH, in_batches
@@ -88,7 +89,7 @@ class ReplicatedPosterior(Target):
             self._kept_signals = runs, [(batch, Signals(own, replica[batch])) for batch in batches]
         return self._kept_signals[1]
 
-    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log prior and log-likelihood; see `Target.evaluate_parts`.
 
         Parameters
@@ -117,7 +118,7 @@ class ReplicatedPosterior(Target):
         likelihood, failed = self._posterior.likelihood.on_host(theta, np.isfinite(prior), own)
         return prior + jacobian, likelihood, failed
 
-    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Log density; see `Target.evaluate`.
 
         Parameters
@@ -133,7 +134,7 @@ class ReplicatedPosterior(Target):
         prior, likelihood, failed = self.evaluate_parts(phi)
         return prior + likelihood, failed
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log density with respect to the parameters; see `Target.log_density`.
 
         Parameters
@@ -149,7 +150,7 @@ class ReplicatedPosterior(Target):
         phi = self.bijection.inverse(theta)
         return np.asarray(self.evaluate(phi)[0] - self.bijection(phi)[1])
 
-    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Draw from the prior; see `Target.initial`.
 
         Parameters

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.channels import ChannelUnit
 from structid.core.units import factor
@@ -49,8 +50,8 @@ class SideBySide:
 
     channel: str
     unit: str
-    modelled: np.ndarray
-    measured: np.ndarray
+    modelled: Float[np.ndarray, " time"]
+    measured: Float[np.ndarray, " time"]
     observation: Observation
 
     @classmethod

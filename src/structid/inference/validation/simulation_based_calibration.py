@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int
 
 from structid.core.errors import ConvergenceError, InputError
 from structid.core.notebook import ShownAsText
@@ -66,9 +67,9 @@ class Ranks(ShownAsText):
 
     names: tuple[str, ...]
     units: tuple[str, ...]
-    truth: np.ndarray = field(repr=False)
-    draws: np.ndarray = field(repr=False)
-    ranks: np.ndarray = field(repr=False)
+    truth: Float[np.ndarray, "replica quantity"] = field(repr=False)
+    draws: Float[np.ndarray, "replica draw quantity"] = field(repr=False)
+    ranks: Int[np.ndarray, "replica quantity"] = field(repr=False)
     particles: int
 
     @cached_property
@@ -97,7 +98,7 @@ class Ranks(ShownAsText):
         """Bins of the histograms: at least ten replicas in each, and at most twenty."""
         return int(np.clip(len(self.truth) // 10, 2, 20))
 
-    def histogram(self, bins: int) -> np.ndarray:
+    def histogram(self, bins: int) -> Int[np.ndarray, "quantity bin"]:
         """Count the ranks.
 
         Parameters
@@ -117,7 +118,7 @@ class Ranks(ShownAsText):
         """Whether ranks and intervals of no quantity are wrong, at the 1 % level over all of them."""
         return bool(self.p_values.min() > LEVEL / len(self.names))
 
-    def coverage(self, probability: float) -> np.ndarray:
+    def coverage(self, probability: float) -> Float[np.ndarray, " quantity"]:
         """Share of the replicas whose central interval holds the truth.
 
         Parameters

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, ClassVar, cast
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.channels import ChannelUnit, declared_unit, standard_unit
 from structid.core.errors import InputError, check_choice
@@ -118,7 +119,7 @@ class ExternalModel(Model):
 
     def run(
         self,
-        theta: np.ndarray,
+        theta: Float[np.ndarray, "run parameter"],
         excitation: Excitation,
         progress: Progress | None = None,
         map: Map | None = None,
@@ -159,7 +160,7 @@ class ExternalModel(Model):
             self.channel_units,
         )
 
-    def task(self, row: np.ndarray, excitation: Excitation, attempts: int = 1) -> Task:
+    def task(self, row: Float[np.ndarray, " parameter"], excitation: Excitation, attempts: int = 1) -> Task:
         """Describe one run.
 
         Parameters

@@ -17,6 +17,7 @@ from typing import Any
 
 import jinja2
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.channels import declared_unit
 from structid.core.errors import InputError
@@ -330,7 +331,7 @@ def _rendered(text: str, names: Mapping[str, Any]) -> str:
     return _environment().from_string(text).render(**names)
 
 
-def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> np.ndarray:
+def read_output(scratch: Path, output: OutputFile, excitation: Excitation) -> Float[np.ndarray, "time channel"]:
     """Read the histories a program has written.
 
     Parameters

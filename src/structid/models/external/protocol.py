@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import Status
 from structid.ground_motion.excitation import Excitation
@@ -55,7 +56,7 @@ class Outcome:
         Wall time.
     """
 
-    values: np.ndarray
+    values: Float[np.ndarray, "time channel"]
     status: Status = Status.DONE
     reason: str = ""
     failure_time: float = float("nan")

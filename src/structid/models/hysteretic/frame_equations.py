@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.hysteretic_system import HystereticSystem, State
@@ -77,7 +79,7 @@ class FrameEquations(HystereticSystem):
         upper = jnp.eye(self.storeys, k=1) * above[:, :, None]
         return (k + above)[:, :, None] * jnp.eye(self.storeys) - upper - upper.swapaxes(1, 2)
 
-    def initial_state(self, zero: Any) -> State:
+    def initial_state(self, zero: Float[Array, "storey run"]) -> State:
         """The frame at rest.
 
         Parameters
@@ -97,7 +99,7 @@ class FrameEquations(HystereticSystem):
         above = jnp.concatenate([self.stiffness[1:], jnp.zeros_like(self.stiffness[:1])])
         return (2.0 * (self.stiffness + above) / self.mass).max(axis=0)
 
-    def deformation(self, motion: Any) -> Any:
+    def deformation(self, motion: Float[Array, "storey run"]) -> Float[Array, "storey run"]:
         """Drifts d_j = u_j − u_(j−1), or their rates; see `HystereticSystem.deformation`.
 
         Parameters
@@ -112,7 +114,9 @@ class FrameEquations(HystereticSystem):
         """
         return motion - jnp.concatenate([jnp.zeros_like(motion[:1]), motion[:-1]])
 
-    def spring_force(self, deformation: Any, z: Any) -> Any:
+    def spring_force(
+        self, deformation: Float[Array, "storey run"], z: Float[Array, "storey run"]
+    ) -> Float[Array, "storey run"]:
         """Storey shears f_j = k_j (α_j d_j + (1 − α_j) z_j); see `HystereticSystem.spring_force`.
 
         Parameters
@@ -127,7 +131,9 @@ class FrameEquations(HystereticSystem):
         """
         return self.stiffness * (self.law.alpha * deformation + (1.0 - self.law.alpha) * z)
 
-    def acceleration(self, u: Any, v: Any, z: Any, signal: Any) -> Any:
+    def acceleration(
+        self, u: Float[Array, "storey run"], v: Float[Array, "storey run"], z: Float[Array, "storey run"], signal: Any
+    ) -> Float[Array, "storey run"]:
         """Accelerations of the floors; see `HystereticSystem.acceleration`.
 
         Parameters
@@ -150,7 +156,7 @@ class FrameEquations(HystereticSystem):
             return jnp.concatenate([motion[:-1], motion[-1:] + signal / self.mass[-1:]])
         return motion - signal
 
-    def observe(self, state: State, signal: Any) -> Any:
+    def observe(self, state: State, signal: Any) -> Float[Array, "channel run"]:
         """Return the channels at a sample.
 
         Parameters
@@ -174,7 +180,7 @@ class FrameEquations(HystereticSystem):
         return jnp.stack(rows)
 
 
-def stiffness_matrix(stiffness: np.ndarray) -> np.ndarray:
+def stiffness_matrix(stiffness: Float[np.ndarray, " storey"]) -> Float[np.ndarray, "storey storey"]:
     """Tridiagonal stiffness matrix of storeys from the ground up.
 
     Parameters

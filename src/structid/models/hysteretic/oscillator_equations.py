@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from jaxtyping import Float
+
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.mechanics.hysteresis import Law
 from structid.mechanics.hysteretic_system import HystereticSystem, State
@@ -41,7 +44,7 @@ class OscillatorEquations(HystereticSystem):
         ratio = self.values["damping_ratio"]
         return 2.0 * (0.0 if ratio is None else ratio) * jnp.sqrt(omega_squared)
 
-    def initial_state(self, like: Any) -> State:
+    def initial_state(self, like: Float[Array, " run"]) -> State:
         """State at the first sample.
 
         Parameters
@@ -159,7 +162,7 @@ class OscillatorEquations(HystereticSystem):
         drive = signal / self.mass if self.kind == "force" else -signal
         return drive - self.viscous * v - self._force_per_mass(u, z)
 
-    def observe(self, state: State, signal: Any) -> Any:
+    def observe(self, state: State, signal: Any) -> Float[Array, "channel run"]:
         """Return the channels at a sample.
 
         Parameters

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 from structid.core.validation import check_arguments
@@ -46,9 +47,9 @@ class WallFilm:
 
     mesh: Mesh
     dt: float
-    displacements: np.ndarray = field(repr=False)
-    drift: np.ndarray = field(repr=False)
-    base_shear: np.ndarray = field(repr=False)
+    displacements: Float[np.ndarray, "time node 2"] = field(repr=False)
+    drift: Float[np.ndarray, " time"] = field(repr=False)
+    base_shear: Float[np.ndarray, " time"] = field(repr=False)
 
     @property
     def time(self) -> np.ndarray:
@@ -256,8 +257,12 @@ class WallFilm:
         Path
             ``wall.pvd``.
         """
-        import meshio
-
+        try:
+            import meshio
+        except ImportError:
+            raise InputError(
+                "WallFilm.to_vtu", "meshio is not installed", "the extra 'vtk'", "pip install 'structid[vtk]'."
+            ) from None
         folder = Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
         chosen = np.unique(np.linspace(0, len(self.drift) - 1, 100).astype(int)) if instants is None else instants

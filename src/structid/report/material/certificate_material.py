@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.certification.certificate import Certificate
 
@@ -35,4 +36,4 @@ class CertificateMaterial:
     certificate: Certificate
     names: tuple[str, ...]
     units: tuple[str, ...]
-    factors: np.ndarray
+    factors: Float[np.ndarray, " parameter"]

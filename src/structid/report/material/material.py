@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.campaign.runs import Runs
@@ -173,7 +174,7 @@ class PosteriorMaterial(RunsMaterial):
             for truth, o in zip(self.truths, self.observations, strict=True)
         )
 
-    def completed(self, theta: np.ndarray) -> np.ndarray:
+    def completed(self, theta: Float[np.ndarray, " model_parameter"]) -> Float[np.ndarray, " parameter"]:
         """Add nuisances and discrepancy parameters of the MAP estimate to parameters of the model.
 
         Parameters
@@ -189,7 +190,9 @@ class PosteriorMaterial(RunsMaterial):
         return np.concatenate([theta, self.best[len(theta) :]])
 
 
-def simulated_loops(model: Model, parameters: np.ndarray, record: Excitation) -> dict[str, np.ndarray]:
+def simulated_loops(
+    model: Model, parameters: Float[np.ndarray, "run parameter"], record: Excitation
+) -> dict[str, np.ndarray]:
     """Simulate the hysteresis loops of a model.
 
     Parameters

@@ -6,6 +6,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.units import factor
 from structid.figures import response as figures
@@ -28,7 +29,7 @@ class PredictedBand:
         The response of the MAP estimate.
     """
 
-    def __init__(self, draws: Prediction, best: np.ndarray) -> None:
+    def __init__(self, draws: Prediction, best: Float[np.ndarray, "time channel"]) -> None:
         self.draws, self.best = draws, best
 
     @cached_property

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.core.errors import InputError
@@ -39,9 +40,9 @@ class PredictedTest:
     """
 
     name: str
-    time: np.ndarray
-    drifts: np.ndarray
-    happened: np.ndarray
+    time: Float[np.ndarray, " time"]
+    drifts: Float[np.ndarray, "draw time"]
+    happened: Float[np.ndarray, " measured_time"]
     failed: int = 0
     reason: str = ""
 
@@ -106,7 +107,7 @@ class Learnt:
     from_test: str
     observation: Observation
     result: SamplingResult
-    fitted: np.ndarray = field(repr=False)
+    fitted: Float[np.ndarray, "time channel"] = field(repr=False)
     prediction: PredictedTest | None
     calibration: CalibrationResult | None = None
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.calibration.calibration_result import CalibrationResult
 from structid.calibration.sequential import calibrate
@@ -130,7 +131,9 @@ def _predicted(planned: PlannedProgramme, programme: ProgrammeResult, name: str,
     )
 
 
-def followed_in_pieces(virtual: VirtualHybridTest, draws: np.ndarray, record: GroundMotion) -> Histories:
+def followed_in_pieces(
+    virtual: VirtualHybridTest, draws: Float[np.ndarray, "draw parameter"], record: GroundMotion
+) -> Histories:
     """Simulate, in as many pieces a move as it needs.
 
     A stronger test moves further in a step than those that were learnt from, too far for a step of the law.

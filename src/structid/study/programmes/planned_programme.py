@@ -8,6 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError, suggestion, within
 from structid.core.units import to_si
@@ -237,7 +238,7 @@ class PlannedProgramme:
             raise InputError("table 'model'", f"a {model.kind_in_words}", allowed)
         return model
 
-    def known_sd(self) -> np.ndarray | None:
+    def known_sd(self) -> Float[np.ndarray, " channel"] | None:
         """Standard deviations of the measured forces, where the file knows them.
 
         Returns

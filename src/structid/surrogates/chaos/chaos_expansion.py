@@ -8,7 +8,9 @@ from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.core.streams import Purpose, stream
 from structid.probability.space import ParameterSpace
@@ -37,11 +39,11 @@ class ChaosExpansion:
 
     word: ClassVar[str] = "ChaosExpansion"
     basis: PolynomialBasis
-    coefficients: np.ndarray
-    leave_one_out_error: np.ndarray
+    coefficients: Float[np.ndarray, "term output"]
+    leave_one_out_error: Float[np.ndarray, " output"]
     truncation: tuple[tuple[int, float], ...]
-    theta: np.ndarray
-    outputs: np.ndarray
+    theta: Float[np.ndarray, "run parameter"]
+    outputs: Float[np.ndarray, "run output"]
 
     @property
     def terms(self) -> np.ndarray:
@@ -67,7 +69,7 @@ class ChaosExpansion:
     def _constant(self) -> np.ndarray:
         return np.asarray(~self.basis.indices.any(axis=1))
 
-    def predict(self, theta: Any) -> Any:
+    def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
         """Predict the outputs.
 
         Parameters
@@ -82,7 +84,7 @@ class ChaosExpansion:
         """
         return self.basis.evaluate(theta) @ self.coefficients
 
-    def deviation(self, theta: Any) -> None:
+    def deviation(self, theta: Float[Array, "run parameter"]) -> None:
         """Return None: an expansion has no error estimate that varies with the point; see `Regression.deviation`.
 
         Parameters
@@ -91,7 +93,7 @@ class ChaosExpansion:
             Points in SI.
         """
 
-    def predict_with_deviation(self, theta: Any) -> tuple[Any, None]:
+    def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, None]:
         """Predict the outputs; there are no standard deviations; see `Regression.predict_with_deviation`.
 
         Parameters
@@ -106,7 +108,7 @@ class ChaosExpansion:
         """
         return self.predict(theta), None
 
-    def sobol_indices(self, order: int | Literal["total"] = 1) -> np.ndarray:
+    def sobol_indices(self, order: int | Literal["total"] = 1) -> Float[np.ndarray, "*parameter output"]:
         """Compute Sobol' indices, shares of the variance (Sudret 2008, doi 10.1016/j.ress.2007.04.002).
 
         Parameters
@@ -139,7 +141,7 @@ class ChaosExpansion:
         keep = used & (count == 1)[:, None] if order == 1 else used
         return np.asarray(keep.T.astype(float) @ share)
 
-    def bootstrap(self, replicates: int, seed: int) -> np.ndarray:
+    def bootstrap(self, replicates: int, seed: int) -> Float[np.ndarray, "replicate term output"]:
         """Refit the coefficients of the chosen terms to runs drawn with replacement (Efron 1979).
 
         Parameters

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.scipy.special
 import numpy as np
 import scipy
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.probability.space import ParameterSpace
 
 
-def standard_normal(space: ParameterSpace, theta: Any) -> Any:
+def standard_normal(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
     """Transform parameters to independent standard normal variables, ξ = L⁻¹ Φ⁻¹(F(θ)), L Lᵀ = R.
 
     Parameters

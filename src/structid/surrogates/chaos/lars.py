@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int
 
 OPTIMISM = 0.25
 """Forward selection is preferred only if its leave-one-out error is smaller than that of least angle regression by this factor.
@@ -34,9 +35,9 @@ class NestedFits:
         Factor against overfitting, N/(N − P) (1 + tr (ΨᵀΨ)⁻¹); infinite from the first linearly dependent column on.
     """
 
-    residual_variance: np.ndarray
-    leave_one_out: np.ndarray
-    correction: np.ndarray
+    residual_variance: Float[np.ndarray, " size"]
+    leave_one_out: Float[np.ndarray, " size"]
+    correction: Float[np.ndarray, " size"]
 
     @property
     def corrected(self) -> np.ndarray:
@@ -44,7 +45,7 @@ class NestedFits:
         return np.asarray(self.leave_one_out * self.correction)
 
 
-def nested_least_squares(columns: np.ndarray, response: np.ndarray) -> NestedFits:
+def nested_least_squares(columns: Float[np.ndarray, "run term"], response: Float[np.ndarray, " run"]) -> NestedFits:
     """Compute residuals and leave-one-out residuals of every nested model from one QR factorisation.
 
     With Ψ = QR the hat matrix of the first P columns is Q_P Q_Pᵀ. Both the residual y − Q_P Q_Pᵀ y and the leverages
@@ -77,7 +78,9 @@ def nested_least_squares(columns: np.ndarray, response: np.ndarray) -> NestedFit
     return NestedFits(np.mean(residual**2, axis=0), np.mean(left_out**2, axis=0), correction)
 
 
-def least_angle_order(gram: np.ndarray, covariance: np.ndarray, runs: int, most: int) -> np.ndarray:
+def least_angle_order(
+    gram: Float[np.ndarray, "term term"], covariance: Float[np.ndarray, " term"], runs: int, most: int
+) -> np.ndarray:
     """Return the order in which least angle regression adds terms (Efron et al. 2004, doi 10.1214/009053604000000067).
 
     Parameters
@@ -127,12 +130,14 @@ class SparseFit:
         Corrected leave-one-out error relative to the variance of the response.
     """
 
-    active: np.ndarray
-    coefficients: np.ndarray
+    active: Int[np.ndarray, " active"]
+    coefficients: Float[np.ndarray, " active"]
     leave_one_out_error: float
 
 
-def orthogonal_order(gram: np.ndarray, covariance: np.ndarray, most: int) -> np.ndarray:
+def orthogonal_order(
+    gram: Float[np.ndarray, "term term"], covariance: Float[np.ndarray, " term"], most: int
+) -> np.ndarray:
     """Return the order in which orthogonal least squares adds terms: each time the one that lowers the residual most.
 
     Works on inner products alone, as a Cholesky factorisation whose pivot is the term with the largest error reduction c²/d.
@@ -187,7 +192,7 @@ class SparseRegression:
         Least angle regression, orthogonal least squares, or whichever of the two is clearly better.
     """
 
-    def __init__(self, columns: np.ndarray, method: str = "sparse") -> None:
+    def __init__(self, columns: Float[np.ndarray, "run term"], method: str = "sparse") -> None:
         self.columns, self.method = columns, method
         centred = columns[:, 1:] - columns[:, 1:].mean(axis=0)
         norm = np.sqrt(np.sum(centred**2, axis=0))
@@ -195,7 +200,7 @@ class SparseRegression:
         self._standard = centred[:, self._varying] / norm[self._varying]
         self._gram = self._standard.T @ self._standard
 
-    def fit(self, response: np.ndarray) -> SparseFit:
+    def fit(self, response: Float[np.ndarray, " run"]) -> SparseFit:
         """Fit one response.
 
         Parameters
@@ -239,7 +244,9 @@ class SparseRegression:
         return least_angle_order(self._gram, covariance, runs, most)
 
 
-def least_squares(columns: np.ndarray, response: np.ndarray) -> np.ndarray:
+def least_squares(
+    columns: Float[np.ndarray, "run term"], response: Float[np.ndarray, " run"]
+) -> Float[np.ndarray, " term"]:
     """Solve ordinary least squares, c = (ΨᵀΨ)⁻¹ Ψᵀ y (thesis eq. 2.39), by QR factorisation.
 
     Parameters

@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
+from jaxtyping import Int
 
 from structid.core.errors import InputError
 
@@ -17,7 +18,7 @@ LARGEST_BASIS = 200_000
 
 def multi_indices(
     dimension: int, degree: int, hyperbolic_norm: float = 1.0, interaction: int | None = None
-) -> np.ndarray:
+) -> Int[np.ndarray, "term parameter"]:
     """Return the multi-indices α with ‖α‖_q ≤ p and at most r non-zero entries (thesis eqs. 2.37, 2.38).
 
     Parameters
@@ -67,7 +68,7 @@ def multi_indices(
     return np.asarray(indices[by_degree(indices)])
 
 
-def by_degree(indices: np.ndarray) -> np.ndarray:
+def by_degree(indices: Int[np.ndarray, "term parameter"]) -> Int[np.ndarray, " term"]:
     """Return the order of multi-indices: by total degree, and within a degree those of the first parameters first.
 
     Parameters

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.units import factor
 from structid.engine.array_module import namespace
 from structid.probability.quadrature import probability_nodes
@@ -37,8 +39,8 @@ class OrthonormalFamily:
     """
 
     name: str
-    a: np.ndarray
-    b: np.ndarray
+    a: Float[np.ndarray, " degree"]
+    b: Float[np.ndarray, " _"]
     shift: float
     scale: float
     logarithmic: bool = False
@@ -71,14 +73,14 @@ class OrthonormalFamily:
             mean, sd = marginal.moments
             return cls("Hermite", 0 * n, np.sqrt(n[1:]), mean, sd)
         if marginal.family == "LogNormal" and not truncated:
-            log = marginal.numpyro_parameters
+            log = marginal.parameters
             return cls("Hermite", 0 * n, np.sqrt(n[1:]), log["loc"] + np.log(unit), log["scale"], logarithmic=True)
         if marginal.family == "Gamma" and not truncated:
-            shape, rate = marginal.numpyro_parameters["concentration"], marginal.numpyro_parameters["rate"]
+            shape, rate = marginal.parameters["concentration"], marginal.parameters["rate"]
             # Laguerre, weight x^α e^(−x), α = shape − 1: aₙ = 2n + α + 1, bₙ = √(n (n + α))
             return cls("Laguerre", 2 * n + shape, np.sqrt(n[1:] * (n[1:] + shape - 1)), 0.0, unit / rate)
         if marginal.family == "Beta" and not truncated:
-            native = marginal.numpyro_parameters
+            native = marginal.parameters
             a, b = _jacobi_recurrence(native["concentration0"] - 1, native["concentration1"] - 1, degree)
             return cls("Jacobi", a, b, 0.5 * unit, 0.5 * unit)
         return cls._numerical(marginal, degree, logarithmic=marginal.family == "LogNormal")
@@ -103,7 +105,7 @@ class OrthonormalFamily:
         # a = 0, bₙ = n/√(4n² − 1)
         return cls("Legendre", 0 * n, n[1:] / np.sqrt(4 * n[1:] ** 2 - 1), 0.5 * (low + high), 0.5 * (high - low))
 
-    def expansion_of(self, other: OrthonormalFamily, degree: int, low: float, high: float) -> np.ndarray:
+    def expansion_of(self, other: OrthonormalFamily, degree: int, low: float, high: float) -> Float[np.ndarray, "_ _"]:
         """Expand another family's polynomials in these, by Gauss quadrature.
 
         Outside the range the other family's polynomials keep the value they have at its edge.
@@ -157,7 +159,7 @@ class OrthonormalFamily:
         a, b = lanczos_recurrence((x - shift) / scale, weight / weight.sum(), degree)
         return cls("numerical", a, b, shift, scale, logarithmic)
 
-    def evaluate(self, x: Any, degree: int) -> list[Any]:
+    def evaluate(self, x: Float[Array, " run"], degree: int) -> list[Any]:
         """Evaluate the polynomials.
 
         Parameters
@@ -212,7 +214,9 @@ def _jacobi_recurrence(alpha: float, beta: float, degree: int) -> tuple[np.ndarr
     return a, np.sqrt(square)
 
 
-def lanczos_recurrence(nodes: np.ndarray, weights: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
+def lanczos_recurrence(
+    nodes: Float[np.ndarray, " node"], weights: Float[np.ndarray, " node"], degree: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Compute the recurrence of the polynomials orthonormal on weighted nodes, by Lanczos' method.
 
     Tridiagonalises diag(nodes) from the start vector √weights with full orthogonalisation. This stays accurate where the

@@ -7,7 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float, Int
 
+from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.isoprobabilistic_transform import standard_normal
@@ -36,8 +38,8 @@ class PolynomialBasis:
     """
 
     space: ParameterSpace
-    indices: np.ndarray
-    box: np.ndarray | None = None
+    indices: Int[np.ndarray, "term parameter"]
+    box: Float[np.ndarray, "parameter 2"] | None = None
 
     @cached_property
     def families(self) -> tuple[OrthonormalFamily, ...]:
@@ -47,7 +49,7 @@ class PolynomialBasis:
             return tuple(OrthonormalFamily.legendre(a, b, int(d)) for (a, b), d in zip(self.box, degrees, strict=True))
         return self.prior_families(degrees)
 
-    def prior_families(self, degrees: np.ndarray) -> tuple[OrthonormalFamily, ...]:
+    def prior_families(self, degrees: Int[np.ndarray, " parameter"]) -> tuple[OrthonormalFamily, ...]:
         """Return the families that are orthonormal under the prior.
 
         Parameters
@@ -73,7 +75,7 @@ class PolynomialBasis:
         """Return the basis of some of the terms."""
         return PolynomialBasis(self.space, self.indices[terms], self.box)
 
-    def evaluate(self, theta: Any) -> Any:
+    def evaluate(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run term"]:
         """Evaluate every term.
 
         Parameters
@@ -98,7 +100,7 @@ class PolynomialBasis:
                 product = product * values[:, self.indices[:, i]]
         return product
 
-    def variables(self, theta: Any) -> Any:
+    def variables(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
         """Return the variables of the polynomials: the parameters, or what they are transformed to first; see `box`.
 
         Parameters
@@ -117,7 +119,7 @@ class PolynomialBasis:
             return theta
         return namespace(theta).clip(box_variables(self.space, theta), self.box[:, 0], self.box[:, 1])
 
-    def to_prior(self, coefficients: np.ndarray) -> np.ndarray:
+    def to_prior(self, coefficients: Float[np.ndarray, "term output"]) -> Float[np.ndarray, "term output"]:
         """Convert coefficients to those of the same function in the basis that is orthonormal under the prior.
 
         Parameters
@@ -146,7 +148,7 @@ class PolynomialBasis:
         return found
 
 
-def box_variables(space: ParameterSpace, theta: Any) -> Any:
+def box_variables(space: ParameterSpace, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
     """Return the variables of polynomials on a box: those of the prior's own, so that each family can be expanded in the other.
 
     Parameters

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float, Int
 
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.polynomial_basis import PolynomialBasis, box_variables
@@ -58,12 +59,14 @@ class ShrunkFit:
     """
 
     basis: PolynomialBasis
-    coefficients: np.ndarray
-    leave_one_out_error: np.ndarray
-    rates: np.ndarray
+    coefficients: Float[np.ndarray, "term output"]
+    leave_one_out_error: Float[np.ndarray, " output"]
+    rates: Float[np.ndarray, " parameter"]
 
 
-def fit_shrunk(space: ParameterSpace, theta: np.ndarray, outputs: np.ndarray) -> ShrunkFit:
+def fit_shrunk(
+    space: ParameterSpace, theta: Float[np.ndarray, "run parameter"], outputs: Float[np.ndarray, "run output"]
+) -> ShrunkFit:
     """Fit all outputs with the same decay rates; an output counts in proportion to its variance.
 
     Parameters
@@ -115,7 +118,7 @@ def _worth_keeping(indices: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
     return np.flatnonzero(needed)
 
 
-def weighted_indices(rates: np.ndarray, most: int) -> np.ndarray:
+def weighted_indices(rates: Float[np.ndarray, " parameter"], most: int) -> Int[np.ndarray, "term parameter"]:
     """Return the multi-indices with the smallest Σ wⱼ αⱼ; with each come all that are lower in some parameter.
 
     Parameters

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Float
 
 from structid.engine.device import jnp
 from structid.engine.lanes.in_lanes import InLanes
@@ -41,7 +42,7 @@ class CorrelationMatrices:
         The design.
     """
 
-    def __init__(self, family: str, separable: bool, points: np.ndarray) -> None:
+    def __init__(self, family: str, separable: bool, points: Float[np.ndarray, "point coordinate"]) -> None:
         self._form, self._points = (family, separable), np.ascontiguousarray(points)
         self._columns, self._gradients = _compiled(family, separable)
 
@@ -49,7 +50,9 @@ class CorrelationMatrices:
         # A process that is sent a Kriging compiles for itself, or finds what this one compiled on disk.
         return CorrelationMatrices, (*self._form, self._points)
 
-    def with_points(self, others: np.ndarray, log_lengths: np.ndarray) -> np.ndarray:
+    def with_points(
+        self, others: Float[np.ndarray, "other coordinate"], log_lengths: Float[np.ndarray, " coordinate"]
+    ) -> Float[np.ndarray, "point other"]:
         """Compute the correlations of the design with other points.
 
         Parameters
@@ -66,7 +69,7 @@ class CorrelationMatrices:
         """
         return self._by_compiled_code(_rows(others, log_lengths))
 
-    def of(self, log_lengths: np.ndarray) -> np.ndarray:
+    def of(self, log_lengths: Float[np.ndarray, " coordinate"]) -> Float[np.ndarray, "point point"]:
         """Compute the correlations of the design's points with each other.
 
         Parameters
@@ -83,7 +86,7 @@ class CorrelationMatrices:
             return self._filled(self._of_pairs(log_lengths[None])[0])
         return self.with_points(self._points, log_lengths)
 
-    def of_several(self, log_lengths: np.ndarray) -> Iterator[np.ndarray]:
+    def of_several(self, log_lengths: Float[np.ndarray, "set coordinate"]) -> Iterator[np.ndarray]:
         """Compute the correlations of the design's points with each other for several sets of lengths.
 
         Parameters
@@ -148,7 +151,9 @@ class CorrelationMatrices:
     def _squares(self) -> np.ndarray:
         return np.asarray(self._distances**2)
 
-    def gradient(self, log_lengths: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    def gradient(
+        self, log_lengths: Float[np.ndarray, " coordinate"], weights: Float[np.ndarray, "point point"]
+    ) -> Float[np.ndarray, " coordinate"]:
         """Differentiate Σᵢⱼ weightᵢⱼ Rᵢⱼ by the logarithms of the correlation lengths.
 
         Parameters

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 
@@ -14,7 +16,9 @@ FAMILIES = ("exponential", "matern32", "matern52", "gaussian")
 """Names of the correlation functions."""
 
 
-def correlation(family: str, separable: bool, a: Any, b: Any, log_lengths: Any) -> Any:
+def correlation(
+    family: str, separable: bool, a: Any, b: Any, log_lengths: Float[Array, " coordinate"]
+) -> Float[Array, "n m"]:
     """Compute the correlations between two sets of points.
 
     Ellipsoidal: R(h) with h² = Σⱼ ((aⱼ − bⱼ)/ℓⱼ)²; separable: Πⱼ R(|aⱼ − bⱼ|/ℓⱼ). With the scaled distance h, R is exp(−h),

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.core.progress import Steps
 from structid.surrogates.covariance_factors import inverse_of
@@ -74,7 +75,7 @@ class HyperparameterObjective:
         """Range of each hyper-parameter."""
         return [LOG_LENGTHS] * self.lengths + [LOG_NUGGETS] * (self.nugget == "estimate")
 
-    def matrix(self, parameters: np.ndarray) -> np.ndarray:
+    def matrix(self, parameters: Float[np.ndarray, " hyperparameter"]) -> Float[np.ndarray, "run run"]:
         """Compute the correlations of the points.
 
         Parameters
@@ -93,7 +94,7 @@ class HyperparameterObjective:
     def _correlations(self) -> CorrelationMatrices:
         return CorrelationMatrices(self.family, self.separable, self.data.points)
 
-    def diagonal(self, parameters: np.ndarray) -> float:
+    def diagonal(self, parameters: Float[np.ndarray, " hyperparameter"]) -> float:
         """Return the nugget.
 
         Parameters
@@ -108,7 +109,7 @@ class HyperparameterObjective:
         """
         return float(np.exp(parameters[-1])) if self.nugget == "estimate" else float(self.nugget)
 
-    def values(self, parameters: np.ndarray) -> np.ndarray:
+    def values(self, parameters: Float[np.ndarray, "hyperparameter point"]) -> Float[np.ndarray, " point"]:
         """Evaluate the objective at many points, without gradients.
 
         Parameters
@@ -190,7 +191,7 @@ def stage_sizes(runs: int) -> list[int]:
 
 def search_hyperparameters(
     objective: HyperparameterObjective, starts: int, rng: np.random.Generator, step_done: Steps
-) -> np.ndarray:
+) -> Float[np.ndarray, " hyperparameter"]:
     """Search the hyper-parameters globally by differential evolution on part of the design, then locally on growing parts.
 
     The local search takes quasi-Newton steps on part of the design, then on twice as many runs, and in the end on all of them. The
@@ -238,7 +239,9 @@ def search_hyperparameters(
     return np.asarray(best)
 
 
-def refined_hyperparameters(objective: HyperparameterObjective, start: np.ndarray, step_done: Steps) -> np.ndarray:
+def refined_hyperparameters(
+    objective: HyperparameterObjective, start: Float[np.ndarray, " hyperparameter"], step_done: Steps
+) -> Float[np.ndarray, " hyperparameter"]:
     """Search the hyper-parameters by quasi-Newton steps on the whole design, from a start near the optimum.
 
     Parameters

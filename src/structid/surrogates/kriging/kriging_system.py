@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.surrogates.covariance_factors import inverse_of, raised_cholesky
 
@@ -30,9 +31,9 @@ class KrigingData:
         y.
     """
 
-    points: np.ndarray
-    trend: np.ndarray
-    outputs: np.ndarray
+    points: Float[np.ndarray, "run parameter"]
+    trend: Float[np.ndarray, "run term"]
+    outputs: Float[np.ndarray, "run output"]
 
     def some(self, rows: np.ndarray) -> KrigingData:
         """Select some of the runs.
@@ -80,18 +81,18 @@ class KrigingFactors:
         σ² that maximises the likelihood.
     """
 
-    cholesky: np.ndarray
+    cholesky: Float[np.ndarray, "run run"]
     nugget: float
-    solved_trend: np.ndarray
-    trend_covariance: np.ndarray
-    coefficients: np.ndarray
-    weights: np.ndarray
-    leave_one_out_residuals: np.ndarray
-    precision: np.ndarray
-    likelihood_variance: np.ndarray
+    solved_trend: Float[np.ndarray, "run term"]
+    trend_covariance: Float[np.ndarray, "term term"]
+    coefficients: Float[np.ndarray, "term output"]
+    weights: Float[np.ndarray, "run output"]
+    leave_one_out_residuals: Float[np.ndarray, "run output"]
+    precision: Float[np.ndarray, " run"]
+    likelihood_variance: Float[np.ndarray, " output"]
 
     @classmethod
-    def of(cls, data: KrigingData, matrix: np.ndarray, nugget: float) -> KrigingFactors:
+    def of(cls, data: KrigingData, matrix: Float[np.ndarray, "run run"], nugget: float) -> KrigingFactors:
         """Factorise the correlation matrix and solve the system.
 
         Parameters
@@ -136,7 +137,7 @@ class KrigingFactors:
         return np.asarray(np.mean(self.leave_one_out_residuals**2 * self.precision[:, None], axis=0))
 
 
-def raised_correlation_cholesky(matrix: np.ndarray, nugget: float) -> tuple[np.ndarray, float]:
+def raised_correlation_cholesky(matrix: Float[np.ndarray, "run run"], nugget: float) -> tuple[np.ndarray, float]:
     """Factorise C = R + nugget · I; the nugget is raised where rounding demands it, up to a limit.
 
     Parameters
@@ -161,7 +162,7 @@ def raised_correlation_cholesky(matrix: np.ndarray, nugget: float) -> tuple[np.n
 
 
 def generalised_least_squares(
-    data: KrigingData, cholesky: np.ndarray
+    data: KrigingData, cholesky: Float[np.ndarray, "run run"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Solve generalised least squares for the trend: A = C⁻¹F, T = (FᵀA)⁻¹, β = T Aᵀy, w = C⁻¹(y − Fβ).
 

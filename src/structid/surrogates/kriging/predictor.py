@@ -15,7 +15,9 @@ import jax
 import jax.scipy.linalg
 import numpy as np
 import scipy.linalg
+from jaxtyping import Float, Int
 
+from structid.core.arrays import Array
 from structid.engine.array_module import namespace
 from structid.engine.device import jnp
 from structid.engine.matrices.row_by_row import product, product_of
@@ -60,12 +62,12 @@ class KrigingGroup:
 
     family: str
     separable: bool
-    outputs: np.ndarray
-    centre: np.ndarray
-    scale: np.ndarray
-    points: np.ndarray
+    outputs: Int[np.ndarray, " output"]
+    centre: Float[np.ndarray, " parameter"]
+    scale: Float[np.ndarray, " parameter"]
+    points: Float[np.ndarray, "run parameter"]
     trend: PolynomialBasis
-    log_lengths: np.ndarray
+    log_lengths: Float[np.ndarray, " parameter"]
     factors: KrigingFactors
 
     @property
@@ -83,7 +85,7 @@ class KrigingGroup:
         """Process variance σ² of each output, from the standardised leave-one-out residuals, shape (output,)."""
         return self.factors.cross_validated_variance
 
-    def mean(self, theta: Any) -> Any:
+    def mean(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
         """Predict the mean, f(θ)ᵀβ + r(θ)ᵀw.
 
         Parameters
@@ -110,7 +112,7 @@ class KrigingGroup:
         """The mean on the host, from the terms of the trend and the correlations with every run."""
         return np.asarray(f @ self.factors.coefficients + r @ self.factors.weights)
 
-    def mean_and_deviation(self, theta: Any) -> tuple[Any, Any]:
+    def mean_and_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Predict the mean and the standard deviation, s² = σ²(1 − rᵀC⁻¹r + uᵀTu), u = Fᵀ C⁻¹ r − f.
 
         The difference is known to `SMALLEST_NUGGET` only. Where runs are noisy and no nugget is given, σ² is so large that
@@ -184,7 +186,7 @@ class KrigingPredictor:
             parts.append(np.mean(group.leave_one_out_residuals**2, axis=0) / outputs.var(axis=0))
         return np.asarray(np.concatenate(parts)[self._order])
 
-    def predict(self, theta: Any, return_std: bool = False) -> Any:
+    def predict(self, theta: Float[Array, "run parameter"], return_std: bool = False) -> Any:
         """Predict the outputs at other points.
 
         Parameters
@@ -208,7 +210,7 @@ class KrigingPredictor:
         means, deviations = zip(*(g.mean_and_deviation(theta) for g in self.groups), strict=True)
         return self._join(list(means)), self._join(list(deviations))
 
-    def deviation(self, theta: Any) -> Any:
+    def deviation(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run output"]:
         """Predict the standard deviations; see `Regression.deviation`.
 
         Parameters
@@ -223,7 +225,7 @@ class KrigingPredictor:
         """
         return self.predict_with_deviation(theta)[1]
 
-    def predict_with_deviation(self, theta: Any) -> tuple[Any, Any]:
+    def predict_with_deviation(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Predict the outputs and their standard deviations; see `Regression.predict_with_deviation`.
 
         Parameters

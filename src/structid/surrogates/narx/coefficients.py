@@ -7,7 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.matrices.row_by_row import product
 from structid.probability.space import ParameterSpace
 from structid.surrogates.chaos.chaos_expansion import ChaosExpansion
@@ -40,7 +42,7 @@ class Coefficients:
     scale: np.ndarray | None = None
     space: ParameterSpace | None = None
 
-    def predict(self, theta: Any) -> Any:
+    def predict(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run coefficient"]:
         """Coefficients at points.
 
         Parameters

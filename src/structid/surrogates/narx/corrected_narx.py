@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.campaign.runs import InMemory, Runs
 from structid.core.errors import InputError
@@ -40,7 +41,9 @@ class TrainedNARX(SurrogateSettings, Protocol):
     def in_words(self) -> dict[str, Any]:
         """All settings, in a form that JSON can hold."""
 
-    def fit(self, runs: Runs, progress: Progress | None = None, weights: np.ndarray | None = None) -> ParametricNARX:
+    def fit(
+        self, runs: Runs, progress: Progress | None = None, weights: Float[np.ndarray, " run"] | None = None
+    ) -> ParametricNARX:
         """Fit to runs; see `SurrogateSettings.fit`.
 
         Parameters

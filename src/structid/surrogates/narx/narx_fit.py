@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.campaign.runs import Runs
 from structid.core.progress import Progress, Stages
@@ -83,7 +84,7 @@ class NARXFit:
         runs: Runs,
         progress: Progress | None,
         fewest: int = FEWEST_RUNS,
-        weights: np.ndarray | None = None,
+        weights: Float[np.ndarray, " run"] | None = None,
     ) -> None:
         self.settings, self.stages, self.watch = settings, Stages(progress, STAGES), Stopwatch()
         self.kind = type(settings).__name__

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.hashing import digest
 from structid.engine.device import jnp
 from structid.engine.time_loop import TimeLoop
@@ -84,7 +86,7 @@ class NARXWithRest(Surrogate):
         """
         self.narx.check_excitation(excitation)
 
-    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+    def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
         """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
 
         Parameters
@@ -98,7 +100,7 @@ class NARXWithRest(Surrogate):
         if not self.knows(excitation.content_hash):
             self.narx.before_run(theta, excitation)
 
-    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+    def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
         """Give the loop of the free run, to each sample of which the rest is added; see `TraceableModel.time_loop`.
 
         Parameters
@@ -132,7 +134,9 @@ class NARXWithRest(Surrogate):
         rows = narx.rows, tuple(jnp.tile(x, (1 + excitation.lead_in_periods, *[1] * (x.ndim - 1))) for x in rest.rows)
         return TimeLoop((narx.start, rest.start), step, rows, narx.lead_in, usable, narx.unroll)
 
-    def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> ScoreShortcut | None:
+    def shortcut(
+        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+    ) -> ScoreShortcut | None:
         """Sum modes and measurements over time where the whole response is interpolated; see `TraceableModel.shortcut`.
 
         Parameters
@@ -153,7 +157,12 @@ class NARXWithRest(Surrogate):
             return None
         return self.rest.shortcut(excitation, values, channels)
 
-    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+    def error_variance(
+        self,
+        theta: Float[Array, "run parameter"],
+        excitation: TracedExcitation,
+        values: Float[Array, "time channel run"],
+    ) -> Float[Array, "channel run"]:
         """Variance of the error, averaged over time; see `StandIn.error_variance`.
 
         Parameters
@@ -173,7 +182,12 @@ class NARXWithRest(Surrogate):
         knowing = self.rest if self.knows(excitation.identity) else self.narx
         return knowing.error_variance(theta, excitation, values)
 
-    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+    def standard_deviation(
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        excitation: Excitation,
+        values: Float[np.ndarray, "run time channel"],
+    ) -> Float[np.ndarray, "run time channel"]:
         """Standard deviation in time: that of the rest on the records of the runs, that of the NARX on others.
 
         Parameters
@@ -193,7 +207,9 @@ class NARXWithRest(Surrogate):
         knowing = self.rest if self.knows(excitation.content_hash) else self.narx
         return knowing.standard_deviation(theta, excitation, values)
 
-    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+    def sampled(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
+    ) -> Float[np.ndarray, "run time channel"]:
         """Draw responses from what is known of the error; see `Surrogate.sampled`.
 
         Parameters
@@ -215,7 +231,9 @@ class NARXWithRest(Surrogate):
             return alone.sampled(theta, excitation, rng)
         return np.asarray(self.narx.run(theta, excitation).values + self.rest.sampled(theta, excitation, rng))
 
-    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+    def left_out(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
+    ) -> Float[np.ndarray, "run time channel"]:
         """Predict each run that the surrogate was fitted to with a rest of all others; see `ResponseSpaceSurrogate.left_out`.
 
         Parameters

@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.campaign.runs import InMemory, Runs
+from structid.core.arrays import Array
 from structid.core.errors import InputError, Status, StructidWarning
 from structid.core.progress import Progress
 from structid.engine.array_module import namespace
@@ -86,7 +88,7 @@ def with_held_out_spread(surrogate: ParametricNARX, runs: Runs) -> ParametricNAR
     )
 
 
-def local_size(values: np.ndarray) -> np.ndarray:
+def local_size(values: Float[np.ndarray, "run time channel"]) -> Float[np.ndarray, "run time channel"]:
     """Moving root mean square of histories, never below a thousandth of the whole one.
 
     Parameters
@@ -130,8 +132,8 @@ class ParametricNARX(Surrogate):
         recursion: Recursion,
         coefficients: Coefficients,
         largest: float,
-        spread: np.ndarray,
-        largest_input: np.ndarray,
+        spread: Float[np.ndarray, " channel"],
+        largest_input: Float[np.ndarray, " input"],
     ) -> None:
         super().__init__(fit)
         self.recursion, self.coefficients, self.largest = recursion, coefficients, largest
@@ -168,7 +170,7 @@ class ParametricNARX(Surrogate):
                 "Resample it.",
             )
 
-    def before_run(self, theta: np.ndarray, excitation: Excitation) -> None:
+    def before_run(self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation) -> None:
         """Check excitation and points, and warn of an excitation stronger than those it was fitted to.
 
         Parameters
@@ -189,7 +191,7 @@ class ParametricNARX(Surrogate):
                 stacklevel=3,
             )
 
-    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+    def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
         """Give the loop of the free run; see `TraceableModel.time_loop`.
 
         Parameters
@@ -309,7 +311,7 @@ class ParametricNARX(Surrogate):
         """Outputs in SI of runs that start from measured values (run, time, channel)."""
         return self._outputs(self._coefficients_at(theta), excitation, values, horizon, known)
 
-    def run_with(self, coefficients: np.ndarray, excitation: Excitation) -> Histories:
+    def run_with(self, coefficients: Float[np.ndarray, "run coefficient"], excitation: Excitation) -> Histories:
         """Run freely with given coefficients.
 
         Parameters
@@ -361,7 +363,12 @@ class ParametricNARX(Surrogate):
         """SI value of one scaled unit of each output."""
         return np.array([self.recursion.scales[y] for y in self.recursion.outputs])
 
-    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+    def standard_deviation(
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        excitation: Excitation,
+        values: Float[np.ndarray, "run time channel"],
+    ) -> Float[np.ndarray, "run time channel"]:
         """Standard deviation of the error: a share of the prediction's moving root mean square, from runs held out.
 
         Parameters
@@ -380,7 +387,12 @@ class ParametricNARX(Surrogate):
         """
         return np.asarray(local_size(values) * self.spread)
 
-    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+    def error_variance(
+        self,
+        theta: Float[Array, "run parameter"],
+        excitation: TracedExcitation,
+        values: Float[Array, "time channel run"],
+    ) -> Float[Array, "channel run"]:
         """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
 
         Parameters
@@ -421,7 +433,7 @@ class ParametricNARX(Surrogate):
         """
         return validate(WithOwnCoefficients.of(self, runs, refined), runs, progress)
 
-    def own_coefficients(self, runs: Runs, refined: bool = True) -> np.ndarray:
+    def own_coefficients(self, runs: Runs, refined: bool = True) -> Float[np.ndarray, "run coefficient"]:
         """Fit the coefficients to each run by itself; see `validate_structure`.
 
         Parameters

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import InputError
 
@@ -25,7 +26,7 @@ def check_energy(left_out: float) -> None:
 
 
 def principal_components(
-    table: np.ndarray, left_out_energy: float
+    table: Float[np.ndarray, "run sample"], left_out_energy: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Proper orthogonal decomposition by the singular value decomposition of the centred table.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.surrogates.regression import Regression
 
@@ -35,12 +36,12 @@ class RecordFit:
 
     name: str
     samples: int
-    mean: np.ndarray
-    modes: np.ndarray
-    truncation: np.ndarray
-    scale: np.ndarray
+    mean: Float[np.ndarray, " _"]
+    modes: Float[np.ndarray, "component _"]
+    truncation: Float[np.ndarray, " _"]
+    scale: Float[np.ndarray, " channel"]
     scores: Regression
-    score_deviation: np.ndarray
+    score_deviation: Float[np.ndarray, " component"]
 
     @property
     def error(self) -> float:

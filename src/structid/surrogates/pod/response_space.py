@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.engine.array_module import namespace
 from structid.engine.device import jnp
@@ -63,7 +65,7 @@ class ResponseSpaceSurrogate(Surrogate):
                 "Fit it to runs on that record, or use PCNARX or KrigingNARX, which take any.",
             )
 
-    def response(self, theta: Any, excitation: TracedExcitation) -> tuple[Any, Any]:
+    def response(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> tuple[Any, Any]:
         """Respond: scores, then their sum with the modes.
 
         Parameters
@@ -85,7 +87,7 @@ class ResponseSpaceSurrogate(Surrogate):
         finite = numpy.isfinite(scores).all(axis=1)
         return values.reshape(fit.samples, len(fit.scale), -1), finite
 
-    def time_loop(self, theta: Any, excitation: TracedExcitation) -> TimeLoop:
+    def time_loop(self, theta: Float[Array, "run parameter"], excitation: TracedExcitation) -> TimeLoop:
         """Give the response sample by sample, for a likelihood that needs no history; see `TraceableModel.time_loop`.
 
         Parameters
@@ -116,7 +118,9 @@ class ResponseSpaceSurrogate(Surrogate):
     def _compiled_response(self) -> Callable[..., Any]:
         return self.response  # two products of matrices: nothing to compile
 
-    def shortcut(self, excitation: Excitation, values: np.ndarray, channels: tuple[str, ...]) -> ScoreShortcut:
+    def shortcut(
+        self, excitation: Excitation, values: Float[np.ndarray, "time channel measurement"], channels: tuple[str, ...]
+    ) -> ScoreShortcut:
         """Sum modes and measurements over time; see `TraceableModel.shortcut`.
 
         Parameters
@@ -153,7 +157,12 @@ class ResponseSpaceSurrogate(Surrogate):
             self, excitation.content_hash, np.array(inner), np.array(left_out), float(len(values)), nearest, squares, levers
         )  # fmt: skip
 
-    def error_variance(self, theta: Any, excitation: TracedExcitation, values: Any) -> Any:
+    def error_variance(
+        self,
+        theta: Float[Array, "run parameter"],
+        excitation: TracedExcitation,
+        values: Float[Array, "time channel run"],
+    ) -> Float[Array, "channel run"]:
         """Variance of the surrogate's error, averaged over time; see `StandIn.error_variance`.
 
         Parameters
@@ -176,7 +185,7 @@ class ResponseSpaceSurrogate(Surrogate):
         rest = (fit.truncation.reshape(shape) ** 2).mean(axis=0) * fit.scale**2
         return (self.scores_with_deviation(fit, theta)[1] ** 2 @ squares + rest).T
 
-    def scores_with_deviation(self, fit: RecordFit, theta: Any) -> tuple[Any, Any]:
+    def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Scores and their standard deviations.
 
         Parameters
@@ -197,7 +206,12 @@ class ResponseSpaceSurrogate(Surrogate):
             deviation = numpy.broadcast_to(numpy.asarray(fit.score_deviation), scores.shape)
         return scores, deviation
 
-    def standard_deviation(self, theta: np.ndarray, excitation: Excitation, values: np.ndarray) -> np.ndarray:
+    def standard_deviation(
+        self,
+        theta: Float[np.ndarray, "run parameter"],
+        excitation: Excitation,
+        values: Float[np.ndarray, "run time channel"],
+    ) -> Float[np.ndarray, "run time channel"]:
         """Standard deviation in time: that of the scores through the modes, and what the components leave out.
 
         Parameters
@@ -222,7 +236,9 @@ class ResponseSpaceSurrogate(Surrogate):
         variance = deviation**2 @ fit.modes**2 + fit.truncation**2
         return np.asarray(np.sqrt(variance).reshape(values.shape) * fit.scale)
 
-    def sampled(self, theta: np.ndarray, excitation: Excitation, rng: np.random.Generator) -> np.ndarray:
+    def sampled(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation, rng: np.random.Generator
+    ) -> Float[np.ndarray, "run time channel"]:
         """Draw responses from the errors of the scores, which are independent; see `Surrogate.sampled`.
 
         Parameters
@@ -249,7 +265,9 @@ class ResponseSpaceSurrogate(Surrogate):
         values *= fit.scale
         return np.asarray(values)
 
-    def left_out(self, theta: np.ndarray, excitation: Excitation) -> np.ndarray:
+    def left_out(
+        self, theta: Float[np.ndarray, "run parameter"], excitation: Excitation
+    ) -> Float[np.ndarray, "run time channel"]:
         """Predict each run that the surrogate was fitted to from all others, with the same correlation lengths.
 
         Parameters

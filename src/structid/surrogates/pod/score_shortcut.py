@@ -7,7 +7,9 @@ from typing import Any, Protocol
 
 import jax
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.engine.matrices.row_by_row import product
 from structid.models.traceable import Shortcut
@@ -20,7 +22,7 @@ class ScoreSource(Protocol):
     channels: tuple[str, ...]
     records: dict[str, RecordFit]
 
-    def held_inside(self, theta: Any) -> Any:
+    def held_inside(self, theta: Float[Array, "run parameter"]) -> Float[Array, "run parameter"]:
         """Move points outside the range of the design to its edge.
 
         Parameters
@@ -34,7 +36,7 @@ class ScoreSource(Protocol):
             Points inside.
         """
 
-    def admitted(self, theta: Any) -> Any:
+    def admitted(self, theta: Float[Array, "run parameter"]) -> Bool[Array, " run"]:
         """Say which points a posterior may use.
 
         Parameters
@@ -48,7 +50,7 @@ class ScoreSource(Protocol):
             False has no density.
         """
 
-    def scores_with_deviation(self, fit: RecordFit, theta: Any) -> tuple[Any, Any]:
+    def scores_with_deviation(self, fit: RecordFit, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Scores and their standard deviations.
 
         Parameters
@@ -91,14 +93,14 @@ class ScoreShortcut(Shortcut):
 
     surrogate: ScoreSource
     identity: str
-    inner: Any
-    left_out: Any
+    inner: Float[Array, "channel component component"]
+    left_out: Float[Array, " channel"]
     samples: Any
-    nearest: Any
-    squares_beyond: Any
-    levers_beyond: Any
+    nearest: Float[Array, "channel measurement component"]
+    squares_beyond: Float[Array, "channel measurement"]
+    levers_beyond: Float[Array, "channel measurement component"]
 
-    def for_runs(self, measurement: Any) -> ScoreShortcut:
+    def for_runs(self, measurement: Int[Array, " run"]) -> ScoreShortcut:
         """Give each run a measurement of its own; see `Shortcut.for_runs`.
 
         Parameters
@@ -118,7 +120,7 @@ class ScoreShortcut(Shortcut):
             levers_beyond=self.levers_beyond[:, measurement],
         )
 
-    def squares(self, theta: Any) -> tuple[Any, Any]:
+    def squares(self, theta: Float[Array, "run parameter"]) -> tuple[Any, Any]:
         """Sum of squares in the space of the scores: ‖r − Φᵀc‖² = ‖r‖² − 2 cᵀ(Φr) + cᵀ(ΦΦᵀ)c with r = y − ȳ.
 
         Parameters
@@ -152,7 +154,9 @@ class ScoreShortcut(Shortcut):
         """Φ r, shape (channel, run, component)."""
         return self.levers_beyond - (scores - self.nearest) @ self.inner
 
-    def marginal_log_likelihood(self, theta: Any, variance: Any) -> tuple[Any, Any] | None:
+    def marginal_log_likelihood(
+        self, theta: Float[Array, "run parameter"], variance: Float[Array, "channel run"]
+    ) -> tuple[Any, Any] | None:
         """Log density with the scores' errors integrated out, N(y − ŷ; 0, σ²I + Φᵀ S Φ), of a surrogate of one channel.
 
         Its modes are orthogonal, ΦΦᵀ = a²I, so that the covariance is diagonal in the space of the scores: with the scores'
@@ -193,7 +197,11 @@ jax.tree_util.register_dataclass(
 )
 
 
-def nearest_scores(modes: np.ndarray, inner: np.ndarray, residual: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
+def nearest_scores(
+    modes: Float[np.ndarray, "component time"],
+    inner: Float[np.ndarray, "component component"],
+    residual: Float[np.ndarray, " time"],
+) -> tuple[np.ndarray, float, np.ndarray]:
     """Split a residual into what the modes reach and what is beyond them.
 
     Parameters

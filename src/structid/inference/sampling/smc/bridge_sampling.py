@@ -7,13 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 from scipy.special import expit
 
 from structid.inference.sampling.base import Evidence
 from structid.inference.sampling.smc.tempering import Population
 
 
-def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) -> Evidence:
+def evidence_of(
+    stages: list[Population], rise: Float[np.ndarray, "stage ensemble"], left: Float[np.ndarray, " stage"]
+) -> Evidence:
     """Evidence from the particles of all stages.
 
     After weighting and resampling, the particles should follow the law of the next exponent, which moves do not change on
@@ -54,7 +57,9 @@ def evidence_of(stages: list[Population], rise: np.ndarray, left: np.ndarray) ->
     return Evidence.of_populations(each, variance, lacking)
 
 
-def bennett_ratio(forward: np.ndarray, backward: np.ndarray) -> tuple[float, float]:
+def bennett_ratio(
+    forward: Float[np.ndarray, " draw"], backward: Float[np.ndarray, " other_draw"]
+) -> tuple[float, float]:
     """Log Z₁/Z₀ of two densities from draws of both (C. H. Bennett 1976, doi 10.1016/0021-9991(76)90078-4).
 
     With f(x) = 1/(1 + eˣ) and equally many draws of each, log Z₁/Z₀ is the C that solves Σ₀ f(C − w) = Σ₁ f(w − C).

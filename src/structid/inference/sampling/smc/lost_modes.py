@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.inference.target import Target
 
@@ -49,9 +50,9 @@ class Mode(NamedTuple):
         Cholesky factor of the covariance, the inverse of the density's curvature.
     """
 
-    middle: np.ndarray
+    middle: Float[np.ndarray, " parameter"]
     log_density: float
-    factor: np.ndarray
+    factor: Float[np.ndarray, "parameter parameter"]
 
     @property
     def log_mass(self) -> float:
@@ -60,7 +61,12 @@ class Mode(NamedTuple):
         return float(self.log_density + 0.5 * len(self.middle) * np.log(2.0 * np.pi) + spread)
 
 
-def lost_modes(target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray) -> list[Mode]:
+def lost_modes(
+    target: Target,
+    particles: Float[np.ndarray, "particle parameter"],
+    log_density: Float[np.ndarray, " particle"],
+    scouts: Float[np.ndarray, "scout parameter"],
+) -> list[Mode]:
     """Search for modes in which no particle is.
 
     Each scout makes one step uphill. It is passed over if from there the density never falls on the straight way to a known mode.
@@ -119,7 +125,12 @@ def _lost(known: _Known, scouts: np.ndarray) -> list[Mode]:
 
 
 def all_modes(
-    target: Target, particles: np.ndarray, log_density: np.ndarray, scouts: np.ndarray, many: np.ndarray, most: int
+    target: Target,
+    particles: np.ndarray,
+    log_density: np.ndarray,
+    scouts: np.ndarray,
+    many: Float[np.ndarray, "point parameter"],
+    most: int,
 ) -> list[Mode]:
     """Find the modes in which particles are, and those that they have lost.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.probability.ranks import ranks
 
@@ -10,7 +11,7 @@ MOVED_BY = 5.0
 """Standard errors by which the mean of a quantity at rest may change: the largest of some dozens."""
 
 
-def still_moving(draws: np.ndarray) -> dict[int, float]:
+def still_moving(draws: Float[np.ndarray, "step population particle quantity"]) -> dict[int, float]:
     """Quantities whose mean changes from the first half of the moves to the second.
 
     Every particle is compared with itself, so that a common drift much smaller than the spread of the particles is seen. Ranks are

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import gammaln
 
 from structid.inference.sampling.moves import DEGREES_OF_FREEDOM, EnsembleState, IndependenceLaw
@@ -37,7 +38,7 @@ class FromReference(Target):
             np.concatenate([0.5 * known.share / known.share.sum(), np.full(count, 0.5 / count)]),
         )
 
-    def evaluate_parts(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def evaluate_parts(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Log q, and what it lacks of log π; see `Target.evaluate_parts`.
 
         Parameters
@@ -59,7 +60,7 @@ class FromReference(Target):
         density, failed = self.target.evaluate(phi)
         return own, density - own, failed
 
-    def evaluate(self, phi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate(self, phi: Float[np.ndarray, "run parameter"]) -> tuple[np.ndarray, np.ndarray]:
         """Log density of the target; see `Target.evaluate`.
 
         Parameters
@@ -74,7 +75,7 @@ class FromReference(Target):
         """
         return self.target.evaluate(phi)
 
-    def log_density(self, theta: np.ndarray) -> np.ndarray:
+    def log_density(self, theta: Float[np.ndarray, "run parameter"]) -> Float[np.ndarray, " run"]:
         """Log density with respect to the parameters; see `Target.log_density`.
 
         Parameters
@@ -89,7 +90,7 @@ class FromReference(Target):
         """
         return self.target.log_density(theta)
 
-    def initial(self, count: int, rng: np.random.Generator) -> np.ndarray:
+    def initial(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, "count parameter"]:
         """Draw from the reference.
 
         Parameters

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 from scipy.special import logsumexp
 
 from structid.core.errors import ConvergenceError
@@ -74,9 +75,9 @@ class Population:
         β.
     """
 
-    phi: np.ndarray
-    prior: np.ndarray
-    likelihood: np.ndarray
+    phi: Float[np.ndarray, "ensemble particle parameter"]
+    prior: Float[np.ndarray, "ensemble particle"]
+    likelihood: Float[np.ndarray, "ensemble particle"]
     exponent: float
 
     @property
@@ -281,7 +282,7 @@ def move(
     return replace(population, phi=phi, prior=prior, likelihood=likelihood), accepted, failed_simulations
 
 
-def next_exponent(likelihood: np.ndarray, exponent: float, share: float) -> float:
+def next_exponent(likelihood: Float[np.ndarray, "ensemble particle"], exponent: float, share: float) -> float:
     """Largest exponent whose weights leave a share of the particles effective, ESS = (Σw)²/Σw².
 
     Parameters
@@ -330,7 +331,7 @@ def block_of(
     populations: list[Population],
     accepted: list[np.ndarray],
     failed: list[int],
-    rise: np.ndarray | None = None,
+    rise: Float[np.ndarray, " ensemble"] | None = None,
     left: float = 0.0,
 ) -> Block:
     """Make a block of some steps.

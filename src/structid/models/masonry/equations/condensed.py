@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.engine.matrices.block_sparse import BlockPattern, SparseMatrix
 from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
@@ -120,7 +122,9 @@ class Condensed:
 
     # --- forces -------------------------------------------------------------------------------------------------
 
-    def forces(self, law: CohesiveLaw, memory: Any, jumps: Any) -> tuple[Any, Any]:
+    def forces(
+        self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
+    ) -> tuple[Any, Any]:
         """Forces of joints and short bars, and their tangent.
 
         Parameters
@@ -153,7 +157,9 @@ class Condensed:
         """Blocks of the bars' stiffness, shape (pair, 2, 2, 1)."""
         return (self.bars.reshape(-1, 2, 1) * np.eye(2))[..., None]
 
-    def remembered(self, law: CohesiveLaw, memory: Any, jumps: Any) -> Any:
+    def remembered(
+        self, law: CohesiveLaw, memory: Float[Array, "memory joint run"], jumps: Float[Array, "jump run"]
+    ) -> Float[Array, "memory joint run"]:
         """What the joints remember after a step.
 
         Parameters
@@ -173,7 +179,7 @@ class Condensed:
         count = 2 * self.joints
         return self.joint_law.remembered(law, memory, jumps[0:count:2], jumps[1:count:2])
 
-    def compliance(self, weights: Any) -> Any:
+    def compliance(self, weights: Float[Array, "mode run"]) -> Float[Array, "block 2 2 run"]:
         """Blocks of F = V W Vᵀ.
 
         Parameters

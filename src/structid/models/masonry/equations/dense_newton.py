@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import ConvergenceError
 from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 from structid.models.masonry.finite_elements.assembly import Assembly
@@ -39,9 +41,9 @@ class Forces:
         Forces of the joints on their jumps [N].
     """
 
-    internal: np.ndarray
+    internal: Float[np.ndarray, " dof"]
     tangent: Any
-    joints: np.ndarray
+    joints: Float[np.ndarray, " _"]
 
 
 class Matrices(NamedTuple):
@@ -77,7 +79,9 @@ class DenseWall:
         """What joints remember that have not been loaded, shape (memory, joint)."""
         return np.zeros((self.joint_law.memories, len(self.assembly.joint_areas)))
 
-    def remembered(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
+    def remembered(
+        self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
+    ) -> Float[np.ndarray, "memory joint"]:
         """What the joints remember of a displacement.
 
         Parameters
@@ -95,7 +99,7 @@ class DenseWall:
         delta = self.matrices.jumps @ u
         return np.asarray(self.joint_law.remembered(self.law, memory, delta[0::2], delta[1::2]))
 
-    def forces(self, u: np.ndarray, memory: np.ndarray) -> Forces:
+    def forces(self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]) -> Forces:
         """Internal forces of blocks, bars and joints.
 
         Parameters
@@ -128,7 +132,7 @@ class DenseWall:
         linear = a.block_stiffness + a.elongations.T @ (a.bar_stiffness[:, None] * a.elongations)
         return Matrices(a.mass, a.block_stiffness, a.jumps, a.elongations, linear)
 
-    def block_diagonal(self, blocks: np.ndarray) -> Any:
+    def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Float[Array, "_ _"]:
         """Write blocks on a diagonal.
 
         Parameters
@@ -146,7 +150,7 @@ class DenseWall:
         found[place, :, place, :] = blocks
         return found.reshape(2 * len(blocks), -1)
 
-    def solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
+    def solved(self, matrix: Any, right: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
         """Solve a linear system.
 
         Parameters
@@ -191,7 +195,9 @@ class DenseWall:
             memory = self.remembered(u, memory)
         return u, memory
 
-    def frequencies(self, u: np.ndarray, memory: np.ndarray) -> np.ndarray:
+    def frequencies(
+        self, u: Float[np.ndarray, " dof"], memory: Float[np.ndarray, "memory joint"]
+    ) -> Float[np.ndarray, " mode"]:
         """Natural frequencies of the tangent's symmetric part.
 
         Parameters
@@ -226,7 +232,11 @@ class DenseWall:
         return np.asarray(scipy.linalg.eigh(stiffness, self.matrices.mass, eigvals_only=True))
 
     def rayleigh(
-        self, u: np.ndarray, memory: np.ndarray, ratio: float, modes: tuple[int, int] = (1, 3)
+        self,
+        u: Float[np.ndarray, " dof"],
+        memory: Float[np.ndarray, "memory joint"],
+        ratio: float,
+        modes: tuple[int, int] = (1, 3),
     ) -> tuple[float, float]:
         """Coefficients of C = a₀ M + a₁ K with the damping ratio ζ in two modes: ζ = ½ (a₀/ω + a₁ ω).
 
@@ -262,10 +272,10 @@ class Motion:
         What the joints remember.
     """
 
-    u: np.ndarray
-    v: np.ndarray
-    a: np.ndarray
-    memory: np.ndarray
+    u: Float[np.ndarray, " dof"]
+    v: Float[np.ndarray, " dof"]
+    a: Float[np.ndarray, " dof"]
+    memory: Float[np.ndarray, "memory joint"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,18 +298,18 @@ class DenseHistory:
         Whether it went to the end.
     """
 
-    u: np.ndarray = field(repr=False)
-    v: np.ndarray = field(repr=False)
-    a: np.ndarray = field(repr=False)
-    memory: np.ndarray = field(repr=False)
-    joints: np.ndarray = field(repr=False)
-    base: np.ndarray = field(repr=False)
+    u: Float[np.ndarray, "time dof"] = field(repr=False)
+    v: Float[np.ndarray, "time dof"] = field(repr=False)
+    a: Float[np.ndarray, "time dof"] = field(repr=False)
+    memory: Float[np.ndarray, "time memory joint"] = field(repr=False)
+    joints: Float[np.ndarray, "time _"] = field(repr=False)
+    base: Float[np.ndarray, " time"] = field(repr=False)
     damping: Any = field(repr=False)
     converged: bool
 
 
 def simulate(
-    wall: DenseWall, base: np.ndarray, dt: float, ratio: float = 0.03, damping: Any | None = None
+    wall: DenseWall, base: Float[np.ndarray, " time"], dt: float, ratio: float = 0.03, damping: Any | None = None
 ) -> DenseHistory:
     """Integrate M u″ + C u′ + f(u) = p − M ι a_g by Newmark's average acceleration with Newton iterations.
 

@@ -7,7 +7,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.models.masonry.equations.condensed import Condensed
@@ -33,11 +35,11 @@ class Loaded(NamedTuple):
         D₀, the symmetric part of the tangent of joints and short bars [N/m].
     """
 
-    q: Any
-    a_0: Any
-    a_1: Any
-    memory: Any
-    tangent: Any
+    q: Float[Array, "mode run"]
+    a_0: Float[Array, " run"]
+    a_1: Float[Array, " run"]
+    memory: Float[Array, "memory joint run"]
+    tangent: Float[Array, "pair 2 2 run"]
 
 
 def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tuple[int, int] = (1, 3)) -> Loaded:
@@ -78,7 +80,7 @@ def loaded(wall: Condensed, law: CohesiveLaw, runs: int, ratio: float, modes: tu
     return Loaded(q, a_0, a_1, memory, 0.5 * (tangent + tangent.transpose(0, 2, 1, 3)))
 
 
-def frequencies(wall: Condensed, law: CohesiveLaw) -> np.ndarray:
+def frequencies(wall: Condensed, law: CohesiveLaw) -> Float[np.ndarray, " dof"]:
     """Natural frequencies of the loaded wall.
 
     Parameters

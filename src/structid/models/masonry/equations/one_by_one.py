@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.errors import ConvergenceError, Status
 from structid.core.progress import Progress
@@ -69,7 +70,7 @@ def runs_one_by_one(
 
 def recorded(
     condensed: Condensed, wall: DenseWall, history: DenseHistory, channels: tuple[str, ...], dt: float, ratio: float
-) -> np.ndarray:
+) -> Float[np.ndarray, "time channel"]:
     """Channels of a history, all instants at once, as if each were a run.
 
     Parameters

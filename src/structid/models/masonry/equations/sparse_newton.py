@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import scipy
+from jaxtyping import Float
 
 from structid.models.masonry.equations.dense_newton import DenseWall, Matrices
 
@@ -37,7 +38,7 @@ class SparseWall(DenseWall):
         linear = a.sparse_block_stiffness + bars.T @ scipy.sparse.diags_array(a.bar_stiffness) @ bars
         return Matrices(a.sparse_mass, a.sparse_block_stiffness, a.sparse_jumps, bars, linear)
 
-    def block_diagonal(self, blocks: np.ndarray) -> Any:
+    def block_diagonal(self, blocks: Float[np.ndarray, "joint 2 2"]) -> Any:
         """Write blocks on a diagonal; see `DenseWall.block_diagonal`.
 
         Parameters
@@ -55,7 +56,7 @@ class SparseWall(DenseWall):
             (blocks, np.arange(count), np.arange(count + 1)), shape=(2 * count, 2 * count)
         ).tocsr()
 
-    def solved(self, matrix: Any, right: np.ndarray) -> np.ndarray:
+    def solved(self, matrix: Any, right: Float[np.ndarray, " dof"]) -> Float[np.ndarray, " dof"]:
         """Solve a linear system by SuperLU; see `DenseWall.solved`.
 
         Parameters

@@ -21,7 +21,9 @@ from typing import Any
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.mechanics.cohesive_laws import CohesiveLaw, JointLaw
 from structid.mechanics.restoring_forces import CollapseError, RestoringForce
@@ -74,7 +76,7 @@ class BeamedWall:
         )
         return Condensed(Assembly(held, self.masonry), self.joint_law)
 
-    def rigid(self, nodes: np.ndarray) -> np.ndarray:
+    def rigid(self, nodes: np.ndarray) -> Float[np.ndarray, "_ 3"]:
         """Displacements of nodes that move with the beam: u_x − θ (y − H), u_y + θ (x − B/2).
 
         Parameters
@@ -255,7 +257,7 @@ class StaticWall(RestoringForce):
 
     # --- the face -----------------------------------------------------------------------------------------------
 
-    def force_at_rest(self, displacement: Any) -> Any:
+    def force_at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
         """The vertical load; see `RestoringForce.force_at_rest`.
 
         Parameters
@@ -270,7 +272,7 @@ class StaticWall(RestoringForce):
         """
         return displacement + (self.wall.load if displacement.ndim == 1 else self.wall.load[:, None])
 
-    def at_rest(self, displacement: Any) -> Any:
+    def at_rest(self, displacement: Float[Array, "3 *run"]) -> Any:
         """The wall under its load; see `RestoringForce.at_rest`.
 
         Parameters
@@ -295,7 +297,7 @@ class StaticWall(RestoringForce):
             raise CollapseError("no equilibrium was found under the vertical load")
         return memory
 
-    def at(self, memory: Any, displacement: Any) -> tuple[Any, Any]:
+    def at(self, memory: Any, displacement: Float[Array, "3 *run"]) -> tuple[Any, Any]:
         """Move the beam; see `RestoringForce.at`.
 
         Parameters
@@ -344,7 +346,7 @@ class StaticWall(RestoringForce):
         compiled: Callable[[], Any] = jax.jit(lambda: self._loaded(1))
         return compiled
 
-    def initial_stiffness(self) -> np.ndarray:
+    def initial_stiffness(self) -> Float[np.ndarray, "3 3"]:
         """Tangent of the wall under its load, symmetric part.
 
         Returns

@@ -9,7 +9,9 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.core.errors import InputError, suggestion
 from structid.engine.device import jnp
 from structid.engine.matrices.block_sparse import SparseMatrix
@@ -213,7 +215,7 @@ class WallChannels:
         pushed = -0.5 * (base[0] + base[1]) * jnp.sum(c.inertia[:, None] * (after.q - before.q), axis=0)
         return Works(joints, works.damping + self.dt * (own + dashpots), works.base + pushed)
 
-    def observe(self, state: WallState, works: Works, base: Any) -> Any:
+    def observe(self, state: WallState, works: Works, base: Any) -> Float[Array, "channel run"]:
         """Give the channels at an instant.
 
         Parameters

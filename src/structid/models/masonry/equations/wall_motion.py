@@ -8,7 +8,9 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 from jax import lax
+from jaxtyping import Bool, Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.mechanics.cohesive_laws import CohesiveLaw
 from structid.models.masonry.equations.condensed import Condensed
@@ -44,8 +46,8 @@ class WallState(NamedTuple):
     before: Any
     long_before: Any
     jump_rate: Any
-    memory: Any
-    converged: Any
+    memory: Float[Array, "memory joint run"]
+    converged: Bool[Array, " run"]
 
 
 class Fixed(NamedTuple):
@@ -63,7 +65,7 @@ class Fixed(NamedTuple):
 
     law: CohesiveLaw
     compliance: Any
-    dashpots: Any
+    dashpots: Float[Array, "pair 2 2 run"]
 
 
 class Unknown(NamedTuple):
@@ -82,9 +84,9 @@ class Unknown(NamedTuple):
     """
 
     fixed: Fixed
-    memory: Any
-    free: Any
-    before: Any
+    memory: Float[Array, "memory joint run"]
+    free: Float[Array, "jump run"]
+    before: Float[Array, "jump run"]
 
 
 def start(wall: Condensed, loaded: Loaded, base: float) -> WallState:

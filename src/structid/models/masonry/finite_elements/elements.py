@@ -6,6 +6,7 @@ Source: K.-J. Bathe (2014), Finite Element Procedures, 2nd ed., section 5.3.
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
 
 GAUSS = np.array([-1.0, 1.0]) / np.sqrt(3.0)
 """Points of the rule with two, whose weights are one."""
@@ -32,7 +33,7 @@ def shape_functions(r: float, s: float) -> tuple[np.ndarray, np.ndarray]:
     return values, slopes
 
 
-def strain_matrix(corners: np.ndarray, r: float, s: float) -> tuple[np.ndarray, float]:
+def strain_matrix(corners: Float[np.ndarray, "4 2"], r: float, s: float) -> tuple[np.ndarray, float]:
     """Matrix B of the strains ε = (ε_x, ε_y, γ_xy) = B u at a point.
 
     Parameters
@@ -55,7 +56,7 @@ def strain_matrix(corners: np.ndarray, r: float, s: float) -> tuple[np.ndarray, 
     return b, float(np.linalg.det(jacobian))
 
 
-def plane_stress(modulus: float, poisson: float) -> np.ndarray:
+def plane_stress(modulus: float, poisson: float) -> Float[np.ndarray, "3 3"]:
     """Matrix D of σ = D ε in plane stress.
 
     Parameters
@@ -74,7 +75,9 @@ def plane_stress(modulus: float, poisson: float) -> np.ndarray:
     return np.asarray(modulus / (1.0 - poisson**2) * d)
 
 
-def block_stiffness(corners: np.ndarray, thickness: float, modulus: float, poisson: float) -> np.ndarray:
+def block_stiffness(
+    corners: Float[np.ndarray, "4 2"], thickness: float, modulus: float, poisson: float
+) -> Float[np.ndarray, "8 8"]:
     """K = t ∫ Bᵀ D B dA.
 
     Parameters
@@ -99,7 +102,7 @@ def block_stiffness(corners: np.ndarray, thickness: float, modulus: float, poiss
     return k
 
 
-def block_mass(corners: np.ndarray, thickness: float, density: float) -> np.ndarray:
+def block_mass(corners: Float[np.ndarray, "4 2"], thickness: float, density: float) -> Float[np.ndarray, "8 8"]:
     """Consistent mass, M = ρ t ∫ Nᵀ N dA.
 
     Parameters

@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from structid.core.errors import InputError, check_choice
 from structid.models.masonry.finite_elements.layout import TOLERANCE, Block, Wall
@@ -68,13 +69,13 @@ class Mesh:
     """
 
     wall: Wall
-    nodes: np.ndarray = field(repr=False)
-    blocks: np.ndarray = field(repr=False)
+    nodes: Float[np.ndarray, "node 2"] = field(repr=False)
+    blocks: Int[np.ndarray, "block 4"] = field(repr=False)
     block_names: tuple[str, ...] = field(repr=False)
     joints: tuple[Joint, ...] = field(repr=False)
-    bars: np.ndarray = field(repr=False)
-    bar_lengths: np.ndarray = field(repr=False)
-    fixed: np.ndarray = field(repr=False)
+    bars: Int[np.ndarray, "bar 2"] = field(repr=False)
+    bar_lengths: Float[np.ndarray, " bar"] = field(repr=False)
+    fixed: Int[np.ndarray, " fixed"] = field(repr=False)
 
     @property
     def free(self) -> np.ndarray:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from structid.campaign.runs import Runs
+from structid.core.arrays import Array
 from structid.core.errors import InputError
 from structid.ground_motion.excitation import Excitation
 
@@ -79,9 +80,9 @@ class Experiments:
         Names of the signals.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    counted: np.ndarray
+    x: Float[np.ndarray, "run time input"]
+    y: Float[np.ndarray, "run time output"]
+    counted: Bool[np.ndarray, "run time"]
     dt: float
     signals: Signals
 
@@ -126,7 +127,7 @@ class Experiments:
         return cls(x, y, counted, dt, Signals.of(used[0], runs.channels))
 
 
-def input_signals(stages: Any) -> Any:
+def input_signals(stages: Float[Array, "time 1 3 *motion"]) -> Float[Array, "time input"]:
     """Return the samples of an excitation, with its lead-in, from the stages of an integration with one step for each sample.
 
     Parameters

@@ -12,7 +12,9 @@ from typing import Any
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
+from structid.core.arrays import Array
 from structid.engine.device import jnp
 from structid.engine.time_loop import TimeLoop, all_finite
 from structid.surrogates.narx.structure.terms import Memory, Term
@@ -53,7 +55,7 @@ class Recursion:
     outputs: tuple[str, ...]
     dt: float
     scales: Mapping[str, float]
-    initial: np.ndarray
+    initial: Float[np.ndarray, " output"]
 
     @cached_property
     def depth(self) -> dict[str, int]:
@@ -85,7 +87,7 @@ class Recursion:
 
     # --- one step -----------------------------------------------------------------------------------------------
 
-    def values(self, state: State, row: Any) -> dict[tuple[str, int], Any]:
+    def values(self, state: State, row: Float[Array, "_ ..."]) -> dict[tuple[str, int], Any]:
         """Collect every lagged signal at one time.
 
         Parameters
@@ -105,7 +107,9 @@ class Recursion:
             known.update({(signal, k): value for k, value in enumerate(past, 1)})
         return known
 
-    def outputs_of(self, coefficients: Any, values: Mapping[tuple[str, int], Any], time: Any) -> list[Any]:
+    def outputs_of(
+        self, coefficients: Float[Array, "coefficient run"], values: Mapping[tuple[str, int], Any], time: Any
+    ) -> list[Any]:
         """Compute the outputs one step ahead.
 
         Parameters
@@ -128,7 +132,13 @@ class Recursion:
             start += len(of_output)
         return found
 
-    def advance(self, coefficients: Any, state: State, row: Any, outputs: Sequence[Any]) -> State:
+    def advance(
+        self,
+        coefficients: Float[Array, "coefficient run"],
+        state: State,
+        row: Float[Array, "_ ..."],
+        outputs: Sequence[Any],
+    ) -> State:
         """Add the inputs and outputs of one time to the state and update the memories.
 
         Parameters
@@ -162,7 +172,14 @@ class Recursion:
             now[memory.name] = value
         return {signal: (now[signal], *past[:-1]) for signal, past in state.items()}
 
-    def step(self, coefficients: Any, state: State, row: Any, time: Any, bound: float) -> State:
+    def step(
+        self,
+        coefficients: Float[Array, "coefficient run"],
+        state: State,
+        row: Float[Array, "_ ..."],
+        time: Any,
+        bound: float,
+    ) -> State:
         """Simulate one step from the model's own past.
 
         Parameters
@@ -190,7 +207,7 @@ class Recursion:
         """Scaled increment of an integral for one step of its scaled signal."""
         return float(self.scales.get(memory.of, 1.0) * self.dt / self.scales[memory.name])
 
-    def at_rest(self, like: Any, row: Any) -> State:
+    def at_rest(self, like: Float[Array, " run"], row: Float[Array, "_ ..."]) -> State:
         """Return the state after the first sample: outputs at their initial values, all else zero before.
 
         Parameters
@@ -210,7 +227,7 @@ class Recursion:
         state |= {y: (zero + float(v),) * self.depth[y] for y, v in zip(self.outputs, self.initial, strict=True)}
         return state | {m.name: (zero,) * self.depth[m.name] for m in self.memories}
 
-    def last(self, state: State) -> Any:
+    def last(self, state: State) -> Float[Array, "output run"]:
         """Latest outputs in a state.
 
         Parameters
@@ -227,7 +244,13 @@ class Recursion:
 
     # --- many steps ---------------------------------------------------------------------------------------------
 
-    def free_loop(self, coefficients: Any, signals: Any, bound: float, unroll: int = UNROLLED) -> TimeLoop:
+    def free_loop(
+        self,
+        coefficients: Float[Array, "coefficient run"],
+        signals: Float[Array, "time input *run"],
+        bound: float,
+        unroll: int = UNROLLED,
+    ) -> TimeLoop:
         """Give the loop that simulates from the past outputs of the model itself.
 
         Parameters
@@ -256,7 +279,12 @@ class Recursion:
         return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite, unroll)
 
     def restarted_loop(
-        self, coefficients: Any, signals: Any, again: Callable[[np.ndarray], Any], bound: float, unroll: int = UNROLLED
+        self,
+        coefficients: Float[Array, "coefficient run"],
+        signals: Float[Array, "_ _ run"],
+        again: Callable[[np.ndarray], Any],
+        bound: float,
+        unroll: int = UNROLLED,
     ) -> TimeLoop:
         """Give the loop that starts again from the measured past at some samples.
 
@@ -291,7 +319,9 @@ class Recursion:
         starts = np.asarray(again(np.arange(len(times)))).astype(float)
         return TimeLoop((start, start), step, (signals[1:], times, starts), 0, all_finite, unroll)
 
-    def one_step_loop(self, coefficients: Any, signals: Any) -> TimeLoop:
+    def one_step_loop(
+        self, coefficients: Float[Array, "coefficient run"], signals: Float[Array, "_ _ run"]
+    ) -> TimeLoop:
         """Give the loop over the terms along measured outputs, for regression: outputs one step ahead are linear in them.
 
         Parameters
@@ -317,7 +347,7 @@ class Recursion:
         start = self._from_measured(coefficients[0], signals[0])
         return TimeLoop(start, step, (signals[1:], self._times(signals)), 0, all_finite)
 
-    def measured_outputs(self, row: Any) -> list[Any]:
+    def measured_outputs(self, row: Float[Array, "_ run"]) -> list[Any]:
         """Measured outputs in a row of inputs and outputs.
 
         Parameters

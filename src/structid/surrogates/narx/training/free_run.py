@@ -9,6 +9,7 @@ import math
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.engine.device import jnp
 from structid.engine.lanes.in_lanes import InLanes
@@ -99,7 +100,9 @@ class FreeRun:
         found: list[tuple[Any, Any]] = loop.folded(all_outputs, signals[1:], lambda terms, row: (terms, row))[0]
         return found
 
-    def outputs(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
+    def outputs(
+        self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
+    ) -> Float[np.ndarray, "run time output"]:
         """Compute the scaled outputs of every run.
 
         Parameters
@@ -116,7 +119,9 @@ class FreeRun:
         """
         return np.asarray(np.moveaxis(self._compiled_outputs(coefficients, signals=data.signals), 2, 0))
 
-    def errors(self, coefficients: np.ndarray, data: TrainingSet) -> np.ndarray:
+    def errors(
+        self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
+    ) -> Float[np.ndarray, "run output"]:
         """Compute the free-run error of every run and output, ε = Σ(y − ŷ)²/Σ(y − ȳ)² (thesis eq. 2.65).
 
         Parameters
@@ -134,7 +139,9 @@ class FreeRun:
         found = self._compiled_errors(coefficients, signals=data.signals).T / data.spread
         return np.minimum(np.where(np.isfinite(found), found, LARGEST_ERROR), LARGEST_ERROR)
 
-    def normal_equations(self, coefficients: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
+    def normal_equations(
+        self, coefficients: Float[np.ndarray, "run coefficient"], data: TrainingSet
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Compute JᵀJ and Jᵀr of the free run, relative to Σ(y − ȳ)² of each run and output.
 
         Parameters
@@ -152,7 +159,9 @@ class FreeRun:
         square, inner = self._compiled_normal(coefficients, signals=data.signals)
         return _relative(_symmetric(square), _runs_first(inner), data.spread)
 
-    def regression_equations(self, shapes: np.ndarray, data: TrainingSet) -> tuple[np.ndarray, np.ndarray]:
+    def regression_equations(
+        self, shapes: Float[np.ndarray, "run coefficient"], data: TrainingSet
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Compute ΦᵀΦ and Φᵀy of the one-step regression, relative to Σ(y − ȳ)² of each run and output.
 
         Parameters
@@ -216,7 +225,9 @@ def _relative(square: np.ndarray, inner: np.ndarray, spread: np.ndarray) -> tupl
     return square, inner
 
 
-def robust_loss(errors: np.ndarray, scale: float, weights: np.ndarray | None = None) -> float:
+def robust_loss(
+    errors: Float[np.ndarray, "run output"], scale: float, weights: Float[np.ndarray, " run"] | None = None
+) -> float:
     """Compute the mean of log(1 + ε/s): runs that diverge do not dominate it.
 
     Parameters

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.progress import Progress
 from structid.surrogates.narx.training.free_run import FreeRun, robust_loss
@@ -36,14 +37,14 @@ class Trained:
         For each step its loss, and the mean and largest error over the training runs and over the held-out runs.
     """
 
-    coefficients: np.ndarray
+    coefficients: Float[np.ndarray, "coefficient feature"]
     history: list[dict[str, float]] = field(default_factory=list)
 
 
 def train_free_run(
     runs: FreeRun,
-    start: np.ndarray,
-    features: np.ndarray,
+    start: Float[np.ndarray, "coefficient feature"],
+    features: Float[np.ndarray, "run feature"],
     data: TrainingSet,
     held_out: tuple[np.ndarray, TrainingSet] | None,
     steps: int,
@@ -129,8 +130,12 @@ def _entry(
 
 
 def refined_coefficients(
-    runs: FreeRun, start: np.ndarray, data: TrainingSet, steps: int, progress: Progress | None = None
-) -> np.ndarray:
+    runs: FreeRun,
+    start: Float[np.ndarray, "run coefficient"],
+    data: TrainingSet,
+    steps: int,
+    progress: Progress | None = None,
+) -> Float[np.ndarray, "run coefficient"]:
     """Refine the coefficients of every run on its own free run: maximum a posteriori around given ones, by Gauss–Newton.
 
     The standard deviation of the prior is a tenth of that of the given coefficients over the runs. The noise is the error that

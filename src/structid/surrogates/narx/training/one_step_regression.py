@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Float
 
 from structid.core.progress import Progress, Steps
 from structid.surrogates.narx.structure.recursion import Recursion
@@ -25,8 +26,12 @@ TRIED_RUNS = 100
 
 
 def joint_solution(
-    square: np.ndarray, inner: np.ndarray, features: np.ndarray, weights: np.ndarray, ridge: float
-) -> np.ndarray:
+    square: Float[np.ndarray, "run coefficient coefficient"],
+    inner: Float[np.ndarray, "run coefficient"],
+    features: Float[np.ndarray, "run feature"],
+    weights: Float[np.ndarray, " run"],
+    ridge: float,
+) -> Float[np.ndarray, "coefficient feature"]:
     """Solve the joint normal equations, scaled to a unit diagonal, with a ridge.
 
     Σ_k w_k (G_k ⊗ ψ_kψ_kᵀ) vec A = Σ_k w_k (g_k ⊗ ψ_k), where G_k is ΦᵀΦ of the one-step regression or JᵀJ of a Gauss–Newton step.
@@ -63,11 +68,11 @@ def joint_solution(
 
 def first_coefficients(
     runs: FreeRun,
-    features: np.ndarray,
+    features: Float[np.ndarray, "run feature"],
     data: TrainingSet,
     ridges: Sequence[float] = RIDGES,
     progress: Progress | None = None,
-) -> np.ndarray:
+) -> Float[np.ndarray, "coefficient feature"]:
     """Fit A by joint one-step regression; free runs of some experiments choose the shapes of the hystereses and the ridge.
 
     Parameters
@@ -107,7 +112,7 @@ def first_coefficients(
     return best
 
 
-def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
+def constant_shapes(recursion: Recursion, shape: float) -> Float[np.ndarray, " coefficient"]:
     """Return a coefficient vector with nothing but shapes: b as given and g zero.
 
     Parameters
@@ -128,8 +133,8 @@ def constant_shapes(recursion: Recursion, shape: float) -> np.ndarray:
 
 
 def per_experiment_solution(
-    recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: np.ndarray
-) -> np.ndarray:
+    recursion: Recursion, square: np.ndarray, inner: np.ndarray, vector: Float[np.ndarray, " coefficient"]
+) -> Float[np.ndarray, "run coefficient"]:
     """Fit the coefficients of every experiment on its own by ordinary least squares (thesis eq. 2.62).
 
     Parameters
@@ -155,7 +160,7 @@ def per_experiment_solution(
     return found
 
 
-def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> np.ndarray:
+def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> Float[np.ndarray, "run coefficient"]:
     """Fit the coefficients of every experiment on its own, one step ahead, with the shapes of its memories as they begin.
 
     Parameters
@@ -175,7 +180,9 @@ def least_squares_of_each(runs: FreeRun, data: TrainingSet) -> np.ndarray:
     return per_experiment_solution(runs.recursion, *equations, vector)
 
 
-def batched_solution(gram: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+def batched_solution(
+    gram: Float[np.ndarray, "run term term"], covariance: Float[np.ndarray, "run term"]
+) -> Float[np.ndarray, "run term"]:
     """Solve many small normal equations, scaled to a unit diagonal, with a ridge at the level of rounding.
 
     Parameters

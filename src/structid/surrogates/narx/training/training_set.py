@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Bool, Float
 
 from structid.engine.lanes.signals import Signals
 from structid.surrogates.narx.structure.experiments import Experiments
@@ -31,10 +32,10 @@ class TrainingSet:
         Weight of the error of each run.
     """
 
-    x: np.ndarray
-    y: np.ndarray
-    counted: np.ndarray
-    weights: np.ndarray
+    x: Float[np.ndarray, "run time input"]
+    y: Float[np.ndarray, "run time output"]
+    counted: Bool[np.ndarray, "run time"]
+    weights: Float[np.ndarray, " run"]
 
     def __len__(self) -> int:
         return len(self.x)
@@ -92,7 +93,7 @@ def training_set(experiments: Experiments, recursion: Recursion) -> TrainingSet:
     return TrainingSet(x, y, experiments.counted, np.ones(len(x)))
 
 
-def spread_rows(weights: np.ndarray, most: int) -> np.ndarray:
+def spread_rows(weights: Float[np.ndarray, " row"], most: int) -> np.ndarray:
     """Choose rows that are spread over all rows, more densely where the weights are larger.
 
     Parameters

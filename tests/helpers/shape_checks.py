@@ -1,0 +1,106 @@
+"""Signatures give the shapes of arrays: here is what compares them with every call of a test run.
+
+`watch` wraps each function and dataclass of the package whose annotations are jaxtyping's, when its file has been imported. The
+names in a shape stand for one size in one call. (jaxtyping's own import hook wraps all functions, which doubles the time.)
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib.abc
+import importlib.machinery
+import inspect
+import re
+import sys
+import types
+
+from jaxtyping import jaxtyped
+
+CALLS = 200
+"""Calls of a function that are checked; what is wrong shows in the first, and hot functions stay fast."""
+SHAPED = re.compile(r"\b(Float|Int|Bool)\[")
+
+
+def shaped(annotations):
+    """Names and texts of annotations that give a shape."""
+    return {name: text for name, text in annotations.items() if isinstance(text, str) and SHAPED.search(text)}
+
+
+def described(value):
+    """Type, and for an array its shape and kind of numbers."""
+    shape = getattr(value, "shape", None)
+    return f"{type(value).__name__}" if shape is None else f"{type(value).__name__} {shape} of {value.dtype}"
+
+
+def compare(where, values, hints, texts):
+    """Refuse what is not of its shape; None passes, since mypy knows where it may be."""
+    for name, value in values.items():
+        if name in hints and value is not None and not isinstance(value, hints[name]):
+            raise TypeError(f"{where}, {name}: {described(value)} is not {texts[name]}")
+
+
+def checked(function):
+    """Compare arguments and results of a function with its annotations."""
+    texts = shaped(function.__annotations__)
+    if not texts:
+        return function
+    order, hints = list(inspect.signature(function).parameters), {}
+    scope, left = inspect.unwrap(function).__globals__, iter(range(CALLS))
+
+    @functools.wraps(function)
+    def called(*arguments, **named):
+        if next(left, None) is None:
+            return function(*arguments, **named)
+        if not hints:  # all names are there when it is called
+            hints.update({name: eval(text, scope) for name, text in texts.items()})
+        with jaxtyped("context"):
+            compare(function.__qualname__, dict(zip(order, arguments, strict=False)) | named, hints, texts)
+            result = function(*arguments, **named)
+            compare(function.__qualname__, {"return": result}, hints, texts)
+        return result
+
+    return called
+
+
+def check_class(kind):
+    """Check the methods of a class; that which makes a dataclass has the annotations of its fields."""
+    for name, member in list(vars(kind).items()):
+        if isinstance(member, types.FunctionType):
+            setattr(kind, name, checked(member))
+        elif isinstance(member, (classmethod, staticmethod)) and isinstance(member.__func__, types.FunctionType):
+            setattr(kind, name, type(member)(checked(member.__func__)))
+
+
+def check_module(module):
+    """Check what a file of the package defines."""
+    for name, thing in list(vars(module).items()):
+        if getattr(thing, "__module__", None) != module.__name__:
+            continue
+        if isinstance(thing, types.FunctionType):
+            setattr(module, name, checked(thing))
+        elif inspect.isclass(thing):
+            check_class(thing)
+
+
+class Watching(importlib.abc.MetaPathFinder):
+    """Finds files of the package as Python does, and checks what they define once they are imported."""
+
+    def find_spec(self, name, path, target=None):
+        if not name.startswith("structid."):
+            return None
+        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
+        if spec is None or spec.loader is None:
+            return None
+        execute = spec.loader.exec_module
+
+        def executed(module):
+            execute(module)
+            check_module(module)
+
+        spec.loader.exec_module = executed
+        return spec
+
+
+def watch():
+    """Check everything of the package that is imported from now on."""
+    sys.meta_path.insert(0, Watching())
